@@ -115,9 +115,8 @@ def representatives() -> list[str]:
 
 
 def kind_of(module: str) -> str:
-    """The function that made a kernel, and which of its kernels."""
-    maker, _, name = re.sub(r"_[0-9a-f]{8}$", "", module).partition("__locals__")
-    return f"{maker.strip('_')}: {name.strip('_')}"
+    """The name of a kernel, without that of the function around it."""
+    return re.sub(r"_[0-9a-f]{8}$", "", module).rpartition("__locals__")[2]
 
 
 def _row(kind: str, variants: list[dict[int, MachineCode]]) -> list[str]:

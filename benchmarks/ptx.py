@@ -18,13 +18,9 @@ import warp as wp
 
 from swe_sphere import Simulation
 from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.kernels import specialise
 from swe_sphere.kernels.simd.memory import packing_kernel
-from swe_sphere.kernels.vectors import (
-    axpby_kernel,
-    combine_rows_kernel,
-    least_kernel,
-    products_kernel,
-)
+from swe_sphere.kernels.vectors import axpby, combine_rows, least, products
 from swe_sphere.operators.device_mesh import REALS
 
 VIRTUAL = 80
@@ -66,9 +62,9 @@ def kernels_of(scene: str, stepper: str, precision: str, **options: Any) -> dict
 
 def vector_kernels() -> dict[str, wp.Kernel]:
     """The vector operations of the solvers."""
-    makers = axpby_kernel, combine_rows_kernel, products_kernel, least_kernel
-    made = [make(real) for make in makers for real in REALS.values()]
-    made += [packing_kernel(real, back, True) for real in REALS.values() for back in (False, True)]
+    kernels = [axpby, combine_rows, products, least]
+    kernels += [packing_kernel(back, True) for back in (False, True)]
+    made = [specialise(kernel, real) for kernel in kernels for real in REALS.values()]
     return {kernel.module.name: kernel for kernel in made}
 
 

@@ -5,51 +5,40 @@ on any device.  Meshes number their nodes by the count of contributors (one, two
 branches cost nothing; a node of three has a fourth in a place that holds zero.  A pointwise term
 commutes with the mass-weighted average, so it is added here, once a unique node instead of once an
 element node.  Arrays are arguments of their own and not members of a structure: only then does Warp
-compile a path for contiguous arrays, which is faster on a CPU.
+compile a path for contiguous arrays, which is faster on a CPU.  A thread takes a node, or on a CPU
+a run of nodes that fills a register.
 """
 
 import functools
-from dataclasses import dataclass
 from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import func, kernel
+from swe_sphere.kernels.define import func, kernel, lanes, rows, vector
 from swe_sphere.kernels.element import Finish
+from swe_sphere.kernels.formulas import single
 from swe_sphere.kernels.pointwise import Pointwise, pointwise_sum
-from swe_sphere.kernels.simd.arithmetic import product_of
-from swe_sphere.kernels.simd.memory import Contributors, gather_of, run_of
-from swe_sphere.kernels.simd.register import Register
-from swe_sphere.kernels.simd.stages import leave_of, stage_struct
-from swe_sphere.kernels.terms import KernelTypes
-
-
-@dataclass(frozen=True)
-class AssemblyKernels:
-    """Kernels for the tendency of the unique nodes, over nodes or runs that fill a register."""
-
-    assembly: wp.Kernel
-    """From local tendencies (entries,): arguments as in its definition, with the first node to be
-    written, the distance `stride` between two fields, N, and the result (unknowns*N,)."""
-    alone: wp.Kernel
-    """(N, structure, state, stage, result): no terms with derivatives, so nothing to assemble."""
-    structure: Any
-    """Warp structure of what the pointwise terms read, empty in a scene without such terms."""
+from swe_sphere.kernels.simd.arithmetic import mul
+from swe_sphere.kernels.simd.memory import Places, gather, load
+from swe_sphere.kernels.simd.stages import leave_of, stage
+from swe_sphere.kernels.terms import KernelTypes, geometry
 
 
 @functools.cache
-def pointwise_kernel(unknowns: int, real: Any, point: Pointwise, lanes: int = 1) -> AssemblyKernels:
-    """Return the kernels with these pointwise terms, for runs of `lanes` nodes."""
-    register, vector, last = Register(real, lanes), wp.array(dtype=real), unknowns - 1
-    rows, added = register.rows(unknowns), pointwise_sum(unknowns, register, point)
-    leave, stage = leave_of(register, unknowns), stage_struct(real)
-    gather, load, mul = gather_of(register), run_of(register), product_of(register)
-    structure, add, place = added.structure, added.add, wp.array(dtype=Contributors)
+def assembly_kernels(unknowns: int, point: Pointwise) -> tuple[Any, Any]:
+    """Return the kernels for the tendency (unknowns*N,) of unique nodes, with its terms.
+
+    The first one is for local tendencies (entries,), whose fields are `stride` apart, and the nodes
+    from `first` on.  The second one, (N, structure, state, stage, result), is for no terms with
+    derivatives, so that there is nothing to assemble.
+    """
+    some, added, last = rows(unknowns), pointwise_sum(unknowns, point), unknowns - 1
+    leave, structure, add = leave_of(unknowns), added.structure, added.add
 
     @func
-    def means(places: place, inverse_area: vector, stride: int, node: int, local: vector):
+    def means(places: Places, inverse_area: vector, stride: int, node: int, local: vector):
         scale = load(inverse_area, node)
-        r = rows()
+        r = some()
         r[0] = mul(scale, gather(local, places, node, 0))
         if wp.static(last > 0):
             r[1] = mul(scale, gather(local, places, node, stride))
@@ -58,7 +47,7 @@ def pointwise_kernel(unknowns: int, real: Any, point: Pointwise, lanes: int = 1)
 
     @kernel
     def assemble_pointwise(
-        first: int, places: place, inverse_area: vector, stride: int, size: int, local: vector,
+        first: int, places: Places, inverse_area: vector, stride: int, size: int, local: vector,
         c: structure, x: vector, s: stage, out: vector,
     ):  # fmt: skip
         node = first + lanes * wp.tid()
@@ -68,24 +57,50 @@ def pointwise_kernel(unknowns: int, real: Any, point: Pointwise, lanes: int = 1)
     @kernel
     def pointwise_alone(size: int, c: structure, x: vector, s: stage, out: vector):
         node = lanes * wp.tid()
-        leave(s, node, size, add(c, node, size, x, rows()), out)
+        leave(s, node, size, add(c, node, size, x, some()), out)
 
-    return AssemblyKernels(assemble_pointwise, pointwise_alone, structure)
+    return assemble_pointwise, pointwise_alone
+
+
+@functools.cache
+def blocks_kernel(adds: bool) -> Any:
+    """Return the kernel that assembles `count` local fields into the blocks from `first` on.
+
+    If it `adds`, the result is added to the blocks.  It is for the nodes from `begin` on.
+    """
+    leave = leave_of(1)
+
+    @kernel
+    def assemble(
+        begin: int, places: Places, inverse_area: vector, stride: int, size: int, count: int,
+        first: int, local: vector, s: stage, out: vector,
+    ):  # fmt: skip
+        node = begin + lanes * wp.tid()
+        scale = load(inverse_area, node)
+        for k in range(count):
+            at = first + k * size + node
+            rate = single()
+            rate[0] = mul(scale, gather(local, places, node, k * stride))
+            if wp.static(adds):
+                rate[0] = rate[0] + load(out, at)
+            leave(s, at, 0, rate, out)
+
+    return assemble
 
 
 def finish_rates(t: KernelTypes, fields: int) -> Finish:
     """Return the `Finish` that leaves rates of so many fields, with the pointwise terms added."""
     assert t.point is not None
-    load, mul, add = run_of(t.register), t.metric.mul, t.point.add
-    rows, leave, whole = t.register.rows(fields), leave_of(t.register, fields), t.terms.unknowns
+    add, leave, some, whole = t.point.add, leave_of(fields), rows(fields), t.terms.unknowns
+    poisson = t.terms.poisson
 
     @func
-    def finish(geo: t.geometry, x: t.vector, r: rows, k: int, node: int, done: t.vector):
+    def finish(geo: geometry, x: vector, r: some, k: int, node: int, done: vector):
         scale = load(geo.inverse_area, node)
-        rate = rows()
+        rate = some()
         for i in range(fields):
             rate[i] = mul(scale, r[i])
-        if wp.static(fields == whole and t.terms.poisson):
+        if wp.static(fields == whole and poisson):
             rate = add(geo.point, node, geo.size, geo.base, rate)
         elif wp.static(fields == whole):
             rate = add(geo.point, node, geo.size, x, rate)

@@ -1,23 +1,173 @@
-"""How kernels, device functions and their structures are defined."""
+"""How kernels, device functions and their structures are defined.
+
+A kernel is compiled for a number type and for so many numbers side by side.  Its code uses names
+(`Name`) for what depends on them: `real`, the number type, `load`, which loads so many numbers.
+`specialise` returns the kernel of Warp in which these names, also those in the functions that it
+calls, have their meaning for a `Register` or for the `KernelTypes` of elements.
+"""
 
 import functools
+import types
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import warp as wp
 
-__all__ = ["func", "kernel", "struct_of"]
+REGISTER_BYTES = 64
+
+
+@dataclass(frozen=True)
+class Register:
+    """`lanes` numbers of the type `real` side by side, or a plain number where `lanes` is 1.
+
+    whole: products are those of whole registers.  Products of numbers that were gathered lane by
+    lane take half as long again with them.
+    """
+
+    real: Any
+    lanes: int = 1
+    whole: bool = True
+
+    @property
+    def register(self) -> "Register":
+        """The register itself, as in `KernelTypes`."""
+        return self
+
+    @property
+    def value(self) -> Any:
+        """Warp type of a register."""
+        return wp.types.vector(self.lanes, self.real) if self.lanes > 1 else self.real
+
+    @property
+    def index(self) -> Any:
+        """Warp type of a node number for each lane."""
+        return wp.types.vector(self.lanes, wp.int32) if self.lanes > 1 else wp.int32
+
+    def rows(self, count: int) -> Any:
+        """Warp type of `count` registers, one after the other."""
+        if self.lanes == 1:
+            return wp.types.vector(count, self.real)
+        return wp.types.matrix((count, self.lanes), self.real)
+
+    @staticmethod
+    def func_native(code: str) -> Callable[[Any], Any]:
+        """Return a decorator that makes a device function of C++; Warp recognises it by its name.
+
+        The code uses the types `number`, `run` (a register of the processor), `runs` (a pointer to
+        it) and `value` (the register of Warp), the number `lanes`, and `as_value(run)`.  The
+        compiler makes whole registers of the loops over lanes in Warp's vectors in most places
+        only.  A statement has one operation, so that the compiler contracts none.
+        """
+        return lambda f: Template(f, lambda made, of: wp.func_native(of.prelude + code)(made))
+
+    @property
+    def prelude(self) -> str:
+        """C++ with which every native function begins."""
+        attributes = f"__attribute__((ext_vector_type({self.lanes}), aligned(sizeof(number))))"
+        vector = f"wp::vec_t<{self.lanes}, number>"
+        return f"""
+        typedef wp::{self.real.__name__} number;
+        typedef number run {attributes if self.lanes > 1 else ""};
+        typedef run* runs;
+        typedef {vector if self.lanes > 1 else "number"} value;
+        const int lanes = {self.lanes};
+        const auto as_value = [](run r) {{ return *reinterpret_cast<value*>(&r); }};
+        """
+
+
+def lanes_of(real: Any) -> int:
+    """Return how many numbers of the type `real` a SIMD register holds: elements side by side."""
+    size: int = wp.types.type_size_in_bytes(real)
+    return REGISTER_BYTES // size
+
+
+class Name:
+    """A type, number or function in the code of kernels that depends on what they are for."""
+
+    def __init__(self, find: Callable[[Any], Any], of_elements: bool = False) -> None:
+        """find: from a `Register`, or the `KernelTypes` of elements if `of_elements`."""
+        self._find, self.of_elements, self._found = find, of_elements, dict[Any, Any]()
+
+    def find(self, of: Any) -> Any:
+        """Return the meaning for a `Register` or `KernelTypes`, the same object each time."""
+        key = of if self.of_elements else of.register
+        if key not in self._found:
+            self._found[key] = self._find(key)
+        return self._found[key]
+
+
+class Template(Name):
+    """A kernel or a device function whose code uses names, all of them defined before it."""
+
+    def __init__(self, function: Any, compiled: Callable[[Any, Any], Any]) -> None:
+        """compiled: makes what Warp compiles of a Python function, for a register."""
+        self._function, self._compiled, known = function, compiled, function.__globals__
+        self._names = {name: known.get(name) for name in function.__code__.co_names}
+        self._around = [cell.cell_contents for cell in function.__closure__ or ()]
+        kinds = (getattr(kind, "dtype", kind) for kind in function.__annotations__.values())
+        used = (*self._names.values(), *self._around, *kinds)
+        super().__init__(
+            self._specialise, any(isinstance(it, Name) and it.of_elements for it in used)
+        )
+
+    def _specialise(self, of: Any) -> Any:
+        f = self._function
+        meant = {name: specialise(it, of) for name, it in self._names.items() if it is not None}
+        cells = tuple(types.CellType(specialise(it, of)) for it in self._around)
+        made = types.FunctionType(
+            f.__code__, f.__globals__ | meant, f.__name__, f.__defaults__, cells
+        )
+        made.__annotations__ = {name: specialise(it, of) for name, it in f.__annotations__.items()}
+        made.__qualname__, made.__module__ = f.__qualname__, f.__module__
+        return self._compiled(made, of.register)
+
+
+def specialise(it: Any, of: Any) -> Any:
+    """Return the meaning of a name, or of an array type with one, for a register or elements.
+
+    of: a `Register`, `KernelTypes`, or a number type of Warp, which means plain numbers.
+    """
+    of = of if hasattr(of, "register") else Register(of)
+    if isinstance(it, wp.array) and isinstance(it.dtype, Name):
+        return wp.array(dtype=it.dtype.find(of), ndim=it.ndim)
+    return it.find(of) if isinstance(it, Name) else it
+
 
 if TYPE_CHECKING:  # annotations of what Warp compiles are Warp types
     from typing import no_type_check as func
     from typing import no_type_check as kernel
 else:
-    func = wp.func
-    kernel = functools.partial(
-        wp.kernel, module="unique", enable_backward=False, module_options={"max_unroll": 1}
-    )
-    """Decorator of all kernels.  Kernels with loops compile for long if the loops are unrolled.
+    OPTIONS = {"module": "unique", "enable_backward": False, "module_options": {"max_unroll": 1}}
+    """Options of all kernels.  Kernels with loops compile for long if the loops are unrolled.
     Compiler flags stay at their defaults: for each set of flags a process compiles Warp's own
     headers, which takes 3 s."""
+
+    def func(f: Any) -> Template:
+        """Decorator of all device functions."""
+        return Template(f, lambda made, _: wp.func(made))
+
+    def kernel(f: Any) -> Template:
+        """Decorator of all kernels."""
+        return Template(f, lambda made, _: wp.kernel(made, **OPTIONS))
+
+
+@functools.cache
+def rows(count: int) -> Any:
+    """Return the name of `count` registers, one after the other."""
+    return Name(lambda of: of.rows(count))
+
+
+real: Any = Name(lambda of: of.real)
+"""Number type."""
+value: Any = Name(lambda of: of.value)
+"""A register."""
+index: Any = Name(lambda of: of.index)
+"""Number of a node for each number of a register."""
+vector: Any = Name(lambda of: wp.array(dtype=of.real))
+"""Array of numbers."""
+lanes: Any = Name(lambda of: of.lanes)
+"""Numbers in a register."""
 
 
 def struct_of(name: str, members: dict[str, Any]) -> Any:

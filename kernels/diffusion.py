@@ -4,13 +4,22 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import func
+from swe_sphere.kernels.define import func, index, real, rows, value, vector
 from swe_sphere.kernels.dynamics import surface_height
-from swe_sphere.kernels.formulas import Formula, winds_at
-from swe_sphere.kernels.terms import KernelTypes
+from swe_sphere.kernels.formulas import Formula, no_wind, none
+from swe_sphere.kernels.metric import (
+    contravariant_flux,
+    covariant_wind,
+    curl,
+    divergence,
+    gradient,
+)  # fmt: skip
+from swe_sphere.kernels.simd.arithmetic import mul
+from swe_sphere.kernels.simd.memory import load_nodes
+from swe_sphere.kernels.terms import Terms, geometry, local, np_
 
 
-def diffusion(t: KernelTypes, height: bool, wind: bool) -> Formula:
+def diffusion(terms: Terms, height: bool, wind: bool) -> Formula:
     """Return the weak Laplacian of the surface height, of the wind or of both.
 
     It is -(grad phi, grad s) for each nodal test function and the surface height s, and
@@ -18,21 +27,17 @@ def diffusion(t: KernelTypes, height: bool, wind: bool) -> Formula:
     the transposed derivatives, and `result` (geometry, t1, t2, e, n, out) adds their result to what
     other terms left in `out`.
     """
-    np_, metric, fields = t.np, t.metric, height + 2 * wind
-    mul, flux, grad = metric.mul, metric.contravariant_flux, metric.gradient
-    divergence, curl = metric.divergence, metric.curl
-    rows, at_div, at_curl = t.register.rows(fields), int(height), height + 1
-    winds, no_wind = winds_at(t, own=False, base=False)
-    adds, first = t.terms.dynamics, 0 if wind else t.terms.unknowns - 1
+    fields, at_div, at_curl = height + 2 * wind, int(height), height + 1
+    kind, adds, first = rows(fields), terms.dynamics, 0 if wind else terms.unknowns - 1
 
     @func
-    def fluxes(geo: t.geometry, d1: rows, d2: rows, e: int, n: int):
+    def fluxes(geo: geometry, d1: kind, d2: kind, e: int, n: int):
         w = geo.weight[n // np_, n % np_] * geo.inverse_jacobian[e, n]
-        f1 = rows()
-        f2 = rows()
+        f1 = kind()
+        f2 = kind()
         if wp.static(height):
-            u, v = grad(geo.basis, e, n, d1[0], d2[0])
-            g1, g2 = flux(geo.basis, e, n, u, v)
+            u, v = gradient(geo.basis, e, n, d1[0], d2[0])
+            g1, g2 = contravariant_flux(geo.basis, e, n, u, v)
             f1[0] = mul(w, g1)
             f2[0] = mul(w, g2)
         if wp.static(wind):
@@ -45,13 +50,13 @@ def diffusion(t: KernelTypes, height: bool, wind: bool) -> Formula:
         return f1, f2
 
     @func
-    def result(geo: t.geometry, t1: rows, t2: rows, e: int, n: int, out: t.local):
-        r = rows()
+    def result(geo: geometry, t1: kind, t2: kind, e: int, n: int, out: local):
+        r = kind()
         if wp.static(height):
             r[fields - 1] = -divergence(t1[0], t2[0])
         if wp.static(wind):
-            gu, gv = grad(geo.basis, e, n, t1[at_div], t2[at_div])
-            cu, cv = grad(geo.basis, e, n, t1[at_curl], t2[at_curl])
+            gu, gv = gradient(geo.basis, e, n, t1[at_div], t2[at_div])
+            cu, cv = gradient(geo.basis, e, n, t1[at_curl], t2[at_curl])
             r[0] = cv - gu
             r[1] = -gv - cu
         if wp.static(adds):
@@ -59,40 +64,39 @@ def diffusion(t: KernelTypes, height: bool, wind: bool) -> Formula:
                 r[k] = r[k] + out[e, n, first + k]
         return r
 
-    slopes = _diffused(t, height, wind, rows, winds)
-    return Formula(winds, no_wind, rows, slopes, result, fields, not wind, fluxes=fluxes)
+    slopes = _diffused(terms, height, wind, kind)
+    return Formula(none, no_wind, kind, slopes, result, fields, not wind, fluxes=fluxes)
 
 
-def _diffused(t: KernelTypes, height: bool, wind: bool, rows: Any, winds: Any) -> Any:
+def _diffused(terms: Terms, height: bool, wind: bool, kind: Any) -> Any:
     """Return `Formula.slopes` of the surface height and the wind, with their coefficients."""
-    load, surface, value, real, metric = t.load, surface_height(t), t.value, t.real, t.metric
-    flux, covariant = metric.contravariant_flux, metric.covariant_wind
-    last, at_div, at_curl = t.terms.unknowns - 1, int(height), height + 1
+    surface, last = surface_height(terms), terms.unknowns - 1
+    at_div, at_curl = int(height), height + 1
 
     @func
-    def scaled(geo: t.geometry, offset: int, node: t.index, x: value):
+    def scaled(geo: geometry, offset: int, node: index, x: value):
         r = value(real(0.0))
-        if wp.static(t.terms.diffusion):
+        if wp.static(terms.diffusion):
             r += geo.nu * x
-        if wp.static(t.terms.biharmonic):
-            r -= geo.nu4 * load(geo.laplacian, offset, node)
+        if wp.static(terms.biharmonic):
+            r -= geo.nu4 * load_nodes(geo.laplacian, offset, node)
         return r
 
     @func
-    def slopes(geo: t.geometry, w: winds, a: t.vector, x: t.vector, at: int, e: int, n: int):
+    def slopes(geo: geometry, w: none, a: vector, x: vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
-        r1 = rows()
-        r2 = rows()
+        r1 = kind()
+        r2 = kind()
         if wp.static(height):
             h = last * geo.size
-            s = scaled(geo, h, node, surface(geo, node, load(x, h, node)))
+            s = scaled(geo, h, node, surface(geo, node, load_nodes(x, h, node)))
             r1[0] = s
             r2[0] = s
         if wp.static(wind):
-            u = scaled(geo, 0, node, load(x, 0, node))
-            v = scaled(geo, geo.size, node, load(x, geo.size, node))
-            f1, f2 = flux(geo.basis, e, n, u, v)
-            u1, u2 = covariant(geo.basis, e, n, u, v)
+            u = scaled(geo, 0, node, load_nodes(x, 0, node))
+            v = scaled(geo, geo.size, node, load_nodes(x, geo.size, node))
+            f1, f2 = contravariant_flux(geo.basis, e, n, u, v)
+            u1, u2 = covariant_wind(geo.basis, e, n, u, v)
             r1[at_div] = f1
             r1[at_curl] = u2
             r2[at_div] = f2

@@ -9,8 +9,9 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import func
-from swe_sphere.kernels.terms import KernelTypes
+from swe_sphere.kernels.define import func, rows, value, vector
+from swe_sphere.kernels.simd.memory import load_nodes
+from swe_sphere.kernels.terms import geometry
 
 
 @dataclass(frozen=True)
@@ -42,21 +43,34 @@ class Formula:
     each coordinate; see `diffusion` for its result."""
 
 
-def winds_at(t: KernelTypes, own: bool, base: bool) -> tuple[Any, Any]:
+single, pair = rows(1), rows(2)
+
+
+def winds_at(own: bool, base: bool) -> tuple[Any, Any]:
     """Return `winds` and `wind` of a formula: two rows of x if `own`, then two of a if `base`."""
-    load, vector = t.load, t.vector
-    winds, first = t.register.rows(max(1, 2 * (own + base))), 2 * own
+    winds, first = rows(max(1, 2 * (own + base))), 2 * own
 
     @func
-    def wind(geo: t.geometry, a: vector, x: vector, e: int, n: int):
+    def wind(geo: geometry, a: vector, x: vector, e: int, n: int):
         w = winds()
         node = geo.nodes[e, n]
         if wp.static(own):
-            w[0] = load(x, 0, node)
-            w[1] = load(x, geo.size, node)
+            w[0] = load_nodes(x, 0, node)
+            w[1] = load_nodes(x, geo.size, node)
         if wp.static(base):
-            w[first] = load(a, 0, node)
-            w[first + 1] = load(a, geo.size, node)
+            w[first] = load_nodes(a, 0, node)
+            w[first + 1] = load_nodes(a, geo.size, node)
         return w
 
     return winds, wind
+
+
+none, no_wind = winds_at(own=False, base=False)
+
+
+@func
+def row(v: value):
+    """Return the rows that hold the register v alone."""
+    r = single()
+    r[0] = v
+    return r

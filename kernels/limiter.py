@@ -8,146 +8,123 @@ Barnett 2019, doi:10.1137/18M1165414, section 2.2).  Sums are added in a fixed o
 repeats bit by bit; a tracer within its bounds is left as it is, to the last bit.
 """
 
-import functools
-from typing import Any
-
 import warp as wp
 
-from swe_sphere.kernels.define import func, kernel
-from swe_sphere.kernels.simd.arithmetic import clip_of, rooms_of
-from swe_sphere.kernels.simd.memory import put_of, run_of
-from swe_sphere.kernels.simd.register import Register
-from swe_sphere.kernels.terms import ElementKernel, KernelTypes
+from swe_sphere.kernels.define import func, kernel, lanes, real, value, vector
+from swe_sphere.kernels.metric import area
+from swe_sphere.kernels.simd.arithmetic import clip, div, mul, rooms
+from swe_sphere.kernels.simd.memory import load, load_nodes, put
+from swe_sphere.kernels.terms import geometry, local, np_
 
 TINY = 1e-30
 """Room below which nothing is put: far below any depth, and a number in float32 too."""
 
 
-@functools.cache
-def element_limiter(np_: int, real: Any, shape: str) -> ElementKernel:
-    """Return the kernel that limits within each element, over groups.
+@func
+def mass(geo: geometry, e: int, n: int):
+    return geo.weight[n // np_, n % np_] * area(geo.basis, e, n)
 
-    Its arguments are (geometry, x, depth, first, count, lower (count,), upper (count,), out), with
-    the offsets of the depth and of the first tracer in the state x.  `out` (groups, np*np, count)
-    becomes the mass-weighted change of each element node, before DSS.
+
+@func
+def share_of(wanted: value, room: value):
+    some = div(wp.max(wanted, value(real(0.0))), wp.max(room, value(real(TINY))))
+    return wp.min(some, value(real(1.0)))
+
+
+@func
+def bounded(
+    geo: geometry, x: vector, depth: int, at: int, lower: real, upper: real, e: int, n: int
+):
+    """Return the depth, the mass, its bounds and the clipped mass."""
+    node = geo.nodes[e, n]
+    h = load_nodes(x, depth, node)
+    m = load_nodes(x, at, node)
+    low = lower * h
+    high = upper * h
+    return h, m, low, high, clip(m, low, high)
+
+
+@kernel
+def limit_elements(
+    geo: geometry, x: vector, depth: int, first: int, count: int, lower: vector, upper: vector,
+    out: local,
+):  # fmt: skip
+    """Limit within each element, over groups; bounds (count,).
+
+    `depth` and `first` are the offsets of the depth and of the first tracer in the state x.  `out`
+    (groups, np*np, count) becomes the mass-weighted change of each element node, before DSS.
     """
-    t = KernelTypes(np_, real, shape)
-    value, geometry, vector, local = t.value, t.geometry, t.vector, t.local
-    mul, load, area, clip = t.metric.mul, t.load, t.metric.area, clip_of(t.register)
-    div = wp.cw_div if t.register.lanes > 1 else wp.div
-
-    @func
-    def mass(geo: geometry, e: int, n: int):
-        return geo.weight[n // np_, n % np_] * area(geo.basis, e, n)
-
-    @func
-    def part(wanted: value, room: value):
-        some = div(wp.max(wanted, value(real(0.0))), wp.max(room, value(real(TINY))))
-        return wp.min(some, value(real(1.0)))
-
-    @func
-    def bounded(
-        geo: geometry, x: vector, depth: int, at: int, lower: real, upper: real, e: int, n: int
-    ):
-        """Return the depth, the mass, its bounds and the clipped mass."""
-        node = geo.nodes[e, n]
-        h = load(x, depth, node)
-        m = load(x, at, node)
-        low = lower * h
-        high = upper * h
-        return h, m, low, high, clip(m, low, high)
-
-    @kernel
-    def limit(
-        geo: geometry, x: vector, depth: int, first: int, count: int, lower: vector, upper: vector,
-        out: local,
-    ):  # fmt: skip
-        e = wp.tid()
-        for k in range(count):
-            at = first + k * geo.size
-            excess = value(real(0.0))
-            above = value(real(0.0))
-            below = value(real(0.0))
-            air = value(real(0.0))
-            for n in range(np_ * np_):
-                h, m, low, high, clipped = bounded(geo, x, depth, at, lower[k], upper[k], e, n)
-                weight = mass(geo, e, n)
-                excess += mul(weight, m - clipped)
-                above += mul(weight, high - clipped)
-                below += mul(weight, clipped - low)
-                air += mul(weight, h)
-            up = part(excess, above)
-            down = part(-excess, below)
-            left = div(excess - mul(up, above) + mul(down, below), air)
-            for n in range(np_ * np_):
-                h, m, low, high, clipped = bounded(geo, x, depth, at, lower[k], upper[k], e, n)
-                change = clipped - m + mul(up, high - clipped) - mul(down, clipped - low)
-                change += mul(left, h)
-                out[e, n, k] = mul(mass(geo, e, n), change)
-
-    return ElementKernel(limit, geometry, value)
+    e = wp.tid()
+    for k in range(count):
+        at = first + k * geo.size
+        excess = value(real(0.0))
+        above = value(real(0.0))
+        below = value(real(0.0))
+        air = value(real(0.0))
+        for n in range(np_ * np_):
+            h, m, low, high, clipped = bounded(geo, x, depth, at, lower[k], upper[k], e, n)
+            weight = mass(geo, e, n)
+            excess += mul(weight, m - clipped)
+            above += mul(weight, high - clipped)
+            below += mul(weight, clipped - low)
+            air += mul(weight, h)
+        up = share_of(excess, above)
+        down = share_of(-excess, below)
+        left = div(excess - mul(up, above) + mul(down, below), air)
+        for n in range(np_ * np_):
+            h, m, low, high, clipped = bounded(geo, x, depth, at, lower[k], upper[k], e, n)
+            change = clipped - m + mul(up, high - clipped) - mul(down, clipped - low)
+            change += mul(left, h)
+            out[e, n, k] = mul(mass(geo, e, n), change)
 
 
-@functools.cache
-def sphere_limiter(real: Any, lanes: int) -> tuple[wp.Kernel, wp.Kernel]:
-    """Return the kernels `sums` and `parts` for the whole sphere; `limit_kernel` comes after them.
+@kernel
+def sum_rooms(
+    area: wp.array(dtype=wp.float64), x: vector, depth: int, first: int, size: int,
+    spans: wp.array3d(dtype=wp.int32), lower: vector, upper: vector,
+    partial: wp.array2d(dtype=wp.vec3d),
+):  # fmt: skip
+    """Add up excess and room above and below (three numbers); over (count, blocks).
 
-    `sums`, over (count, blocks): excess and room above and below (three numbers) of the nodes from
-    spans[k, block, 0] to spans[k, block, 1], all k, with spans (kinds, blocks, 2).  `parts`, over
-    (count,): shares of the room above and below that are filled (two numbers).
+    A block is the nodes from spans[k, block, 0] to spans[k, block, 1], all k.
     """
-    vector, rooms = wp.array(dtype=real), rooms_of(Register(real, lanes))
-
-    @kernel
-    def sums(
-        area: wp.array(dtype=wp.float64), x: vector, depth: int, first: int, size: int,
-        spans: wp.array3d(dtype=wp.int32), lower: vector, upper: vector,
-        partial: wp.array2d(dtype=wp.vec3d),
-    ):  # fmt: skip
-        k, block = wp.tid()
-        total = wp.vec3d()
-        for kind in range(spans.shape[0]):
-            total += rooms(
-                area, x, depth, first + k * size, spans[kind, block, 0], spans[kind, block, 1],
-                lower[k], upper[k],
-            )  # fmt: skip
-        partial[block, k] = total
-
-    @kernel
-    def parts(partial: wp.array2d(dtype=wp.vec3d), blocks: int, part: wp.array(dtype=wp.vec2d)):
-        k = wp.tid()
-        total = wp.vec3d()
-        for block in range(blocks):
-            total += partial[block, k]
-        none = wp.float64(0.0)
-        one = wp.float64(1.0)
-        least = wp.float64(TINY)
-        up = wp.max(total[0], none) / wp.max(total[1], least)
-        down = wp.max(-total[0], none) / wp.max(total[2], least)
-        part[k] = wp.vec2d(wp.min(up, one), wp.min(down, one))
-
-    return sums, parts
+    k, block = wp.tid()
+    total = wp.vec3d()
+    for kind in range(spans.shape[0]):
+        total += rooms(
+            area, x, depth, first + k * size, spans[kind, block, 0], spans[kind, block, 1],
+            lower[k], upper[k],
+        )  # fmt: skip
+    partial[block, k] = total
 
 
-@functools.cache
-def limit_kernel(real: Any, lanes: int) -> wp.Kernel:
-    """Return the kernel over runs of so many nodes, from the node `begin` on."""
-    register, vector = Register(real, lanes), wp.array(dtype=real)
-    load, put, clip = run_of(register), put_of(register), clip_of(register)
+@kernel
+def fill_rooms(partial: wp.array2d(dtype=wp.vec3d), blocks: int, part: wp.array(dtype=wp.vec2d)):
+    """Leave the shares of the room above and below that are filled (two numbers); over (count,)."""
+    k = wp.tid()
+    total = wp.vec3d()
+    for block in range(blocks):
+        total += partial[block, k]
+    none = wp.float64(0.0)
+    one = wp.float64(1.0)
+    least = wp.float64(TINY)
+    up = wp.max(total[0], none) / wp.max(total[1], least)
+    down = wp.max(-total[0], none) / wp.max(total[2], least)
+    part[k] = wp.vec2d(wp.min(up, one), wp.min(down, one))
 
-    @kernel
-    def limit(
-        begin: int, depth: int, first: int, size: int, count: int, lower: vector, upper: vector,
-        part: wp.array(dtype=wp.vec2d), x: vector,
-    ):  # fmt: skip
-        node = begin + lanes * wp.tid()
-        h = load(x, depth + node)
-        for k in range(count):
-            at = first + k * size + node
-            low = lower[k] * h
-            high = upper[k] * h
-            clipped = clip(load(x, at), low, high)
-            up = real(part[k][0]) * (high - clipped)
-            put(x, at, clipped + up - real(part[k][1]) * (clipped - low))
 
-    return limit
+@kernel
+def limit_sphere(
+    begin: int, depth: int, first: int, size: int, count: int, lower: vector, upper: vector,
+    part: wp.array(dtype=wp.vec2d), x: vector,
+):  # fmt: skip
+    """Fill these shares, over runs of nodes from `begin` on."""
+    node = begin + lanes * wp.tid()
+    h = load(x, depth + node)
+    for k in range(count):
+        at = first + k * size + node
+        low = lower[k] * h
+        high = upper[k] * h
+        clipped = clip(load(x, at), low, high)
+        up = real(part[k][0]) * (high - clipped)
+        put(x, at, clipped + up - real(part[k][1]) * (clipped - low))

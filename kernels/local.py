@@ -5,141 +5,111 @@ element node.  Formulas, arguments and results (groups, np*np, fields) are the s
 """
 
 import functools
-from dataclasses import dataclass
 from typing import Any
 
 import warp as wp
 
 from swe_sphere.kernels.assembly import finish_rates
-from swe_sphere.kernels.define import func, kernel
-from swe_sphere.kernels.dynamics import (
-    gradient,
-    skew,
-    state,
-    tangent,
-    transport,
-)
-from swe_sphere.kernels.element import (
-    Finish,
-    element_diffusion,
-    element_kernel,
-    element_sweep,
-)
+from swe_sphere.kernels.define import func, kernel, specialise, vector
+from swe_sphere.kernels.dynamics import skew, state, tangent, transport
+from swe_sphere.kernels.element import Finish, element_diffusion, element_sweep
 from swe_sphere.kernels.formulas import Formula
-from swe_sphere.kernels.node import flux_kernel, node_diffusion, node_kernel, node_sweep
-from swe_sphere.kernels.pointwise import NO_POINTWISE, Pointwise, pointwise_sum
-from swe_sphere.kernels.simd.register import Register, lanes_of
-from swe_sphere.kernels.terms import ElementKernel, KernelTypes, Terms
+from swe_sphere.kernels.node import flux_kernel, node_diffusion, node_sweep
+from swe_sphere.kernels.terms import KernelTypes, Terms, done, geometry, local
 
 
 @functools.cache
-def tendency_kernel(
-    terms: Terms, np_: int, real: Any, shape: str, direct: bool = False,
-    point: Pointwise = NO_POINTWISE,
-) -> ElementKernel:  # fmt: skip
-    """Return the kernel (geometry, x (unknowns*N,), out, done (unknowns*N,)) of these terms.
+def tendency_kernels(t: KernelTypes, finish_of: Any = finish_rates) -> list[Any]:
+    """Return the kernel (geometry, x (unknowns*N,), out, done (unknowns*N,)) of `t.terms`.
 
-    Where `direct`, in the shape "element", the tendencies at nodes inside the first `whole` groups
-    go to `done` as DSS would leave them, with the rates of `point`; else `done` is not written.
+    With diffusion in the shape "node" the kernel (geometry, x), which fills `geometry.fluxes`, goes
+    before, over the same threads.  Where `t` has pointwise terms, the tendencies at nodes inside
+    the first `whole` groups go to `done` as DSS would leave them; else `done` is not written.
+    finish_of: makes, from t and a number of fields, what finishes these nodes.
     """
-    added = None
-    if direct:
-        added = pointwise_sum(terms.unknowns, Register(real, lanes_of(real)), point)
-    return kernels_of(KernelTypes(np_, real, shape, terms, added))
-
-
-def kernels_of(t: KernelTypes, finish_of: Any = finish_rates) -> ElementKernel:
-    """Return the kernel for the tendencies of `t.terms`.
-
-    finish_of: makes, from t and a number of fields, what finishes nodes inside elements.
-    """
+    terms, formula, source = t.terms, _formula(t.terms), _source(t.terms)
+    by_node = t.shape == "node"
     finish = functools.partial(finish_of, t) if t.point is not None else None
-    made = _element_tendency(t, finish) if t.shape == "element" else _node_tendency(t)
-    flux = flux_kernel(t) if t.terms.diffuses and t.shape == "node" else None
-    return ElementKernel(made, t.geometry, t.value, flux)
-
-
-def _formula(t: KernelTypes) -> Formula | None:
-    """Return the formula of the terms but diffusion."""
-    if not t.terms.dynamics:
-        return None
-    if t.terms.wind:
-        return transport(t)
-    if t.terms.poisson:
-        return skew(t)
-    return tangent(t) if t.terms.tangent else state(t)
-
-
-def _element_tendency(t: KernelTypes, finish_of: Any) -> wp.Kernel:
-    terms, formula, source = t.terms, _formula(t), _source(t)
-    finish: Finish = finish_of(formula.fields) if formula and finish_of else None
-    load_winds, sweep = element_sweep(t, formula, finish) if formula else (None, None)
-    diffuse = element_diffusion(t, finish_of) if terms.diffuses else None
+    load_winds, sweep = _sweep(t, formula, finish and formula and finish(formula.fields))
+    diffuse = None
+    if terms.diffuses:
+        diffuse = node_diffusion(t) if by_node else element_diffusion(t, finish)
 
     @kernel
-    def over_elements(geo: t.geometry, x: t.vector, out: t.local, done: t.done):
-        e = wp.tid()
-        if wp.static(terms.dynamics):
+    def tendency(geo: geometry, x: vector, out: local, done: done):
+        n = 0
+        if wp.static(by_node):
+            e, n = wp.tid()
+        else:
+            e = wp.tid()
+        if wp.static(terms.dynamics and not by_node):
             load_winds(geo, source(geo, x), x, e)
-            sweep(geo, source(geo, x), x, 0, 0, e, out, done)
+        if wp.static(terms.dynamics):
+            sweep(geo, source(geo, x), x, 0, 0, e, n, out, done)
         if wp.static(terms.diffuses):
-            diffuse(geo, x, e, out, done)
+            diffuse(geo, x, e, n, out, done)
 
-    return over_elements
+    fluxes = [flux_kernel(t)] if terms.diffuses and by_node else []
+    return [specialise(made, t) for made in (*fluxes, tendency)]
 
 
-def _node_tendency(t: KernelTypes) -> wp.Kernel:
-    terms, formula, source = t.terms, _formula(t), _source(t)
-    sweep = node_sweep(t, formula) if formula else None
-    diffuse = node_diffusion(t) if terms.diffuses else None
+@functools.cache
+def field_kernel(t: KernelTypes, formula: Formula, finish: Finish = None) -> Any:
+    """Return the kernel (geometry, a, x, first, count, out, done) of a formula.
+
+    It is for `count` fields of x from the offset `first` on; `done` is only used by `finish`.  The
+    shape "node" launches (E, count, np*np) threads.
+    """
+    by_node, (load_winds, sweep) = t.shape == "node", _sweep(t, formula, finish, shared=True)
 
     @kernel
-    def over_nodes(geo: t.geometry, x: t.vector, out: t.local, done: t.done):
-        e, n = wp.tid()
-        if wp.static(terms.dynamics):
-            sweep(geo, source(geo, x), x, 0, e, n, 0, out)
-        if wp.static(terms.diffuses):
-            diffuse(geo, x, e, n, out)
+    def over_fields(
+        geo: geometry, a: vector, x: vector, first: int, count: int, out: local, done: done
+    ):
+        if wp.static(by_node):
+            e, k, n = wp.tid()
+            sweep(geo, a, x, first + k * geo.size, k, e, n, out, done)
+        else:
+            e = wp.tid()
+            load_winds(geo, a, x, e)
+            for k in range(count):
+                sweep(geo, a, x, first + k * geo.size, k, e, 0, out, done)
 
-    return over_nodes
+    return specialise(over_fields, t)
 
 
-def _source(t: KernelTypes) -> Any:
+def _sweep(
+    t: KernelTypes, formula: Formula | None, finish: Finish, shared: bool = False
+) -> tuple[Any, Any]:
+    """Return the functions of `element_sweep`; in the shape "node" no winds are loaded ahead."""
+    if formula is None:
+        return None, None
+    if t.shape == "node":
+        return None, node_sweep(t, formula)
+    return element_sweep(t, formula, finish, shared)
+
+
+def _formula(terms: Terms) -> Formula | None:
+    """Return the formula of the terms but diffusion."""
+    if not terms.dynamics:
+        return None
+    if terms.wind:
+        return transport()
+    if terms.poisson:
+        return skew(terms)
+    return tangent(terms) if terms.tangent else state(terms)
+
+
+def _source(terms: Terms) -> Any:
     """Return the function (geometry, x): the vector of the prescribed wind or of the base."""
 
     @func
-    def source(geo: t.geometry, x: t.vector):
-        if wp.static(t.terms.wind and t.terms.dynamics):
+    def source(geo: geometry, x: vector):
+        if wp.static(terms.wind and terms.dynamics):
             return geo.wind
-        elif wp.static(t.terms.linear):
+        elif wp.static(terms.linear):
             return geo.base
         else:
             return x
 
     return source
-
-
-@dataclass(frozen=True)
-class FieldKernels:
-    """Kernels (geometry, a, x, first, count, out, done) for fields of x from the offset `first` on.
-
-    The shape "node" launches (E, count, np*np) threads.
-    """
-
-    gradient: wp.Kernel
-    """Gradient of one field, to two; a is not read."""
-    transport: wp.Kernel
-    """-div(m V) of `count` masses m with the wind V in front of a."""
-    tangent: wp.Kernel
-    """Derivative of the transport at the state a along x, both with winds in front."""
-    geometry: Any
-    value: Any
-
-
-@functools.cache
-def field_kernels(np_: int, real: Any, shape: str) -> FieldKernels:
-    """Return the kernels on fields."""
-    t = KernelTypes(np_, real, shape)
-    made: Any = element_kernel if shape == "element" else node_kernel
-    of_mass, of_tangent = made(t, transport(t)), made(t, transport(t, tangent=True))
-    return FieldKernels(made(t, gradient(t)), of_mass, of_tangent, t.geometry, t.value)

@@ -4,69 +4,61 @@ With the 2x2 matrix a[i, k] = dx/dxi_i . e_k [m] (frame e_k, reference coordinat
 J = det a, the covariant wind is u_i = a[i, k] V_k, and J times the contravariant wind as well as J
 times a gradient need only the adjugate of a, so that no division is needed (formulas: Taylor &
 Fournier 2010, doi:10.1016/j.jcp.2010.04.008, section 4).
-"""
 
-import functools
-from types import SimpleNamespace
-from typing import Any
+The functions are for node n of element e, plain numbers or SIMD registers.  `basis` (groups, np*np,
+4) holds a[1, 1], a[1, 2], a[2, 1] and a[2, 2] [m]; d1 and d2 are derivatives along the reference
+coordinates.
+"""
 
 import warp as wp
 
-from swe_sphere.kernels.define import func
-from swe_sphere.kernels.simd.arithmetic import product_of
-from swe_sphere.kernels.simd.register import Register
+from swe_sphere.kernels.define import func, value
+from swe_sphere.kernels.simd.arithmetic import mul
+
+basis = wp.array3d(dtype=value)
 
 
-@functools.cache
-def metric_of(register: Register, whole: bool = True) -> SimpleNamespace:
-    """Return device functions at node n of element e, for plain numbers or for SIMD registers.
+@func
+def dot(p: value, q: value, u: value, v: value):
+    return mul(p, u) + mul(q, v)
 
-    `basis` (groups, np*np, 4) holds a[1, 1], a[1, 2], a[2, 1] and a[2, 2] [m]; d1 and d2 are
-    derivatives along the reference coordinates.  `mul` (p, q) is the product.
-    whole: products are those of whole registers.  Products of numbers that were gathered lane by
-    lane take half as long again with them.
-    """
-    value, basis = register.value, wp.array3d(dtype=register.value)
-    mul: Any = product_of(register) if whole or register.lanes == 1 else wp.cw_mul
 
-    @func
-    def dot(p: value, q: value, u: value, v: value):
-        return mul(p, u) + mul(q, v)
+@func
+def wedge(p: value, q: value, u: value, v: value):
+    return mul(p, v) - mul(q, u)
 
-    @func
-    def wedge(p: value, q: value, u: value, v: value):
-        return mul(p, v) - mul(q, u)
 
-    @func
-    def contravariant_flux(b: basis, e: int, n: int, u: value, v: value):
-        """Return J times the contravariant components of the vector (u, v)."""
-        return wedge(u, v, b[e, n, 2], b[e, n, 3]), wedge(b[e, n, 0], b[e, n, 1], u, v)
+@func
+def contravariant_flux(b: basis, e: int, n: int, u: value, v: value):
+    """Return J times the contravariant components of the vector (u, v)."""
+    return wedge(u, v, b[e, n, 2], b[e, n, 3]), wedge(b[e, n, 0], b[e, n, 1], u, v)
 
-    @func
-    def covariant_wind(b: basis, e: int, n: int, u: value, v: value):
-        """Return the covariant components of the vector (u, v)."""
-        return dot(b[e, n, 0], b[e, n, 1], u, v), dot(b[e, n, 2], b[e, n, 3], u, v)
 
-    @func
-    def gradient(b: basis, e: int, n: int, d1: value, d2: value):
-        """Return J times the gradient of a field with these derivatives."""
-        return wedge(d1, d2, b[e, n, 1], b[e, n, 3]), wedge(b[e, n, 0], b[e, n, 2], d1, d2)
+@func
+def covariant_wind(b: basis, e: int, n: int, u: value, v: value):
+    """Return the covariant components of the vector (u, v)."""
+    return dot(b[e, n, 0], b[e, n, 1], u, v), dot(b[e, n, 2], b[e, n, 3], u, v)
 
-    @func
-    def divergence(d1: value, d2: value):
-        """Return J div, of d1 of the first contravariant flux and d2 of the second."""
-        return d1 + d2
 
-    @func
-    def curl(d1: value, d2: value):
-        """Return J times the vorticity, of d1 of the second covariant wind and d2 of the first."""
-        return d1 - d2
+@func
+def gradient(b: basis, e: int, n: int, d1: value, d2: value):
+    """Return J times the gradient of a field with these derivatives."""
+    return wedge(d1, d2, b[e, n, 1], b[e, n, 3]), wedge(b[e, n, 0], b[e, n, 2], d1, d2)
 
-    @func
-    def area(b: basis, e: int, n: int):
-        return wedge(b[e, n, 0], b[e, n, 1], b[e, n, 2], b[e, n, 3])
 
-    return SimpleNamespace(
-        mul=mul, dot=dot, contravariant_flux=contravariant_flux, covariant_wind=covariant_wind,
-        gradient=gradient, divergence=divergence, curl=curl, area=area,
-    )  # fmt: skip
+@func
+def divergence(d1: value, d2: value):
+    """Return J div, of d1 of the first contravariant flux and d2 of the second."""
+    return d1 + d2
+
+
+@func
+def curl(d1: value, d2: value):
+    """Return J times the vorticity, of d1 of the second covariant wind and d2 of the first."""
+    return d1 - d2
+
+
+@func
+def area(b: basis, e: int, n: int):
+    """Return J."""
+    return wedge(b[e, n, 0], b[e, n, 1], b[e, n, 2], b[e, n, 3])

@@ -9,82 +9,81 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import func, kernel
+from swe_sphere.kernels.define import func, kernel, vector
 from swe_sphere.kernels.diffusion import diffusion
 from swe_sphere.kernels.element import keep_fields
 from swe_sphere.kernels.formulas import Formula
 from swe_sphere.kernels.simd.shared_lines import shared_lines
-from swe_sphere.kernels.terms import KernelTypes
+from swe_sphere.kernels.terms import KernelTypes, done, geometry, local, np_
 
 
 def node_sweep(t: KernelTypes, f: Formula) -> Any:
-    """Return the function (geometry, a, x, at, e, n, k, out): the formula at an element node."""
-    derivatives, keep = _derivatives(t, f), keep_fields(t, f.fields)
+    """Return the function (geometry, a, x, at, k, e, n, out, done): the formula at an element node.
+
+    It is applied at the offset `at` of x, for the k-th field of `out`; `done` is not used.
+    """
+    derivatives, keep = _derivatives(t.np, f), keep_fields(f.fields)
+    winds, wind, result, turns = f.winds, f.wind, f.result, f.turns
 
     @func
     def sweep(
-        geo: t.geometry, a: t.vector, x: t.vector, at: int, e: int, n: int, k: int, out: t.local
+        geo: geometry, a: vector, x: vector, at: int, k: int, e: int, n: int, out: local, done: done
     ):
         s1, s2 = derivatives(geo, a, x, at, e, n)
-        w = f.winds()
-        if wp.static(f.turns):
-            w = f.wind(geo, a, x, e, n)
-        keep(f.result(geo, w, s1, s2, e, n), e, n, k, out)
+        w = winds()
+        if wp.static(turns):
+            w = wind(geo, a, x, e, n)
+        keep(result(geo, w, s1, s2, e, n), e, n, k, out)
 
     return sweep
 
 
-def node_kernel(t: KernelTypes, formula: Formula) -> wp.Kernel:
-    """Return the kernel (geometry, a, x, first, count, out, done), over (E, count, np*np) threads.
-
-    It is for `count` fields of x from the offset `first` on; `done` is not used.
-    """
-    sweep = node_sweep(t, formula)
-
-    @kernel
-    def over_nodes(
-        geo: t.geometry, a: t.vector, x: t.vector, first: int, count: int, out: t.local,
-        done: t.done,
-    ):  # fmt: skip
-        e, k, n = wp.tid()
-        sweep(geo, a, x, first + k * geo.size, e, n, k, out)
-
-    return over_nodes
-
-
-def _derivatives(t: KernelTypes, f: Formula) -> Any:
+def _derivatives(order: int, f: Formula) -> Any:
     """Return the function (geometry, a, x, at, e, n): derivatives along each coordinate."""
-    np_, lines = t.np, shared_lines(f.rows, t.real, t.np, "points")
+    slopes, wind = f.slopes, f.wind
 
     @func
-    def derivatives(geo: t.geometry, a: t.vector, x: t.vector, at: int, e: int, n: int):
+    def at_node(geo: geometry, a: vector, x: vector, at: int, e: int, n: int):
+        return slopes(geo, wind(geo, a, x, e, n), a, x, at, e, n)
+
+    return _line_sums(order, f.rows, "points", at_node, transposed=False)
+
+
+def _line_sums(order: int, rows: Any, name: str, at_node: Any, transposed: bool) -> Any:
+    """Return the function (geometry, a, x, at, e, n): line sums along each coordinate.
+
+    at_node: the function of these arguments for the two `rows` that are summed up.
+    """
+    enter, turns, put, meet, along, across = shared_lines(rows, order, name, transposed)
+
+    @func
+    def line_sums(geo: geometry, a: vector, x: vector, at: int, e: int, n: int):
         i = n // np_
         j = n % np_
-        room = lines.enter(n)
-        for turn in range(lines.turns(n)):
-            p = n + turn
-            r1, r2 = f.slopes(geo, f.wind(geo, a, x, e, p), a, x, at, e, p)
-            lines.put(room, p, r1, r2)
-        lines.meet()
-        s1 = lines.along(room, geo.derivative, i, j)
-        s2 = lines.across(room, geo.derivative, i, j)
+        room = enter(n)
+        for turn in range(turns(n)):
+            r1, r2 = at_node(geo, a, x, at, e, n + turn)
+            put(room, n + turn, r1, r2)
+        meet()
+        s1 = along(room, geo.derivative, i, j)
+        s2 = across(room, geo.derivative, i, j)
         return s1, s2
 
-    return derivatives
+    return line_sums
 
 
-def flux_kernel(t: KernelTypes) -> wp.Kernel:
+def flux_kernel(t: KernelTypes) -> Any:
     """Return the kernel (geometry, x): fluxes of the diffused fields at each element node.
 
     `geometry.fluxes` (E, np*np, 2 or 4) becomes the two contravariant fluxes of the height and,
     where the wind diffuses, w div V and w curl V.
     """
     moves = t.terms.unknowns == 3
-    formula = diffusion(t, height=True, wind=moves)
-    derivatives, fluxes = _derivatives(t, formula), formula.fluxes
+    formula = diffusion(t.terms, height=True, wind=moves)
+    derivatives, fluxes = _derivatives(t.np, formula), formula.fluxes
 
     @kernel
-    def flux(geo: t.geometry, x: t.vector):
+    def flux(geo: geometry, x: vector):
         e, n = wp.tid()
         s1, s2 = derivatives(geo, x, x, 0, e, n)
         r1, r2 = fluxes(geo, s1, s2, e, n)
@@ -98,32 +97,28 @@ def flux_kernel(t: KernelTypes) -> wp.Kernel:
 
 
 def node_diffusion(t: KernelTypes) -> Any:
-    """Return the function (geometry, x, e, n, out): the Laplacian from what `flux_kernel` left."""
-    np_, moves = t.np, t.terms.unknowns == 3
-    formula = diffusion(t, height=True, wind=moves)
-    rows, result, keep = formula.rows, formula.result, keep_fields(t, formula.fields)
-    lines = shared_lines(rows, t.real, np_, "fluxes")
+    """Return the function (geometry, x, e, n, out, done): weak divergence of `flux_kernel`'s."""
+    moves = t.terms.unknowns == 3
+    formula = diffusion(t.terms, height=True, wind=moves)
+    rows, result, keep = formula.rows, formula.result, keep_fields(formula.fields)
 
     @func
-    def fluxes(geo: t.geometry, e: int, n: int, line: int):
-        r = rows()
-        r[0] = geo.fluxes[e, n, line]
+    def fluxes(geo: geometry, a: vector, x: vector, at: int, e: int, n: int):
+        r1 = rows()
+        r2 = rows()
+        r1[0] = geo.fluxes[e, n, 0]
+        r2[0] = geo.fluxes[e, n, 1]
         if wp.static(moves):
-            r[1] = geo.fluxes[e, n, 2]
-            r[2] = geo.fluxes[e, n, 3]
-        return r
+            for k in range(1, 3):
+                r1[k] = geo.fluxes[e, n, 1 + k]
+                r2[k] = geo.fluxes[e, n, 1 + k]
+        return r1, r2
+
+    line_sums = _line_sums(t.np, rows, "fluxes", fluxes, transposed=True)
 
     @func
-    def diffuse(geo: t.geometry, x: t.vector, e: int, n: int, out: t.local):
-        i = n // np_
-        j = n % np_
-        room = lines.enter(n)
-        for turn in range(lines.turns(n)):
-            p = n + turn
-            lines.put(room, p, fluxes(geo, e, p, 0), fluxes(geo, e, p, 1))
-        lines.meet()
-        t1 = lines.along_transposed(room, geo.derivative, i, j)
-        t2 = lines.across_transposed(room, geo.derivative, i, j)
+    def diffuse(geo: geometry, x: vector, e: int, n: int, out: local, done: done):
+        t1, t2 = line_sums(geo, x, x, 0, e, n)
         keep(result(geo, t1, t2, e, n, out), e, n, 0, out)
 
     return diffuse

@@ -11,10 +11,10 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import func, struct_of
-from swe_sphere.kernels.simd.arithmetic import product_of
-from swe_sphere.kernels.simd.memory import run_of
-from swe_sphere.kernels.simd.register import Register
+from swe_sphere.kernels.define import Name, func, lanes, real, rows, struct_of, vector
+from swe_sphere.kernels.simd.arithmetic import mul
+from swe_sphere.kernels.simd.memory import load
+from swe_sphere.kernels.simd.stages import triple
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ NO_POINTWISE = Pointwise()
 
 @dataclass(frozen=True)
 class PointwiseSum:
-    """Warp functions for the rates at a node, or at as many nodes as a register has lanes.
+    """Device functions for the rates at a node, or at as many nodes as a register has lanes.
 
     Their argument c is an instance of `structure`, which is the same for all lanes.
     """
@@ -76,18 +76,16 @@ class PointwiseSum:
 
 
 @functools.cache
-def pointwise_sum(unknowns: int, register: Register, point: Pointwise) -> PointwiseSum:
+def pointwise_sum(unknowns: int, point: Pointwise) -> PointwiseSum:
     """Return the functions for these terms."""
-    last, vector = unknowns - 1, wp.array(dtype=register.real)
-    structure = _structure(unknowns, register.real, point)
-    wind, depth = (
-        _rates_of(kind, unknowns, register, point, structure) for kind in ("wind", "depth")
-    )
+    last, coefficients = unknowns - 1, _coefficients(point.terms)
+    structure: Any = Name(lambda of: _structure(unknowns, of.real, point, coefficients.find(of)))
+    wind, depth = (_rates_of(kind, unknowns, point, structure) for kind in ("wind", "depth"))
     on_depth = point.forcing or any(term.depth for term in point.terms)
     on_wind = point.forcing or point.rotation or any(term.wind for term in point.terms)
 
     @func
-    def add(c: structure, node: int, size: int, x: vector, r: register.rows(unknowns)):
+    def add(c: structure, node: int, size: int, x: vector, r: rows(unknowns)):
         if wp.static(unknowns == 3 and on_wind):
             two = wind(c, node, size, x, x)
             r[0] = r[0] + two[0]
@@ -99,12 +97,8 @@ def pointwise_sum(unknowns: int, register: Register, point: Pointwise) -> Pointw
     return PointwiseSum(structure, wind, depth, add)
 
 
-def _structure(unknowns: int, real: Any, point: Pointwise) -> Any:
-    vector, terms = wp.array(dtype=real), None
-    for term in point.terms[::-1]:
-        numbers, fields = dict.fromkeys(term.numbers, real), dict.fromkeys(term.fields, vector)
-        members = {"mine": struct_of("Coefficients", numbers | fields)}
-        terms = struct_of("Terms", members | ({"others": terms} if terms else {}))
+def _structure(unknowns: int, real: Any, point: Pointwise, terms: Any) -> Any:
+    vector = wp.array(dtype=real)
     optional = {
         "coriolis": (point.rotation, vector),
         "forcing": (point.forcing, vector),
@@ -116,17 +110,27 @@ def _structure(unknowns: int, real: Any, point: Pointwise) -> Any:
     return struct_of("Pointwise", members)
 
 
-def _rates_of(
-    kind: str, unknowns: int, register: Register, point: Pointwise, structure: Any
-) -> Any:
+@functools.cache
+def _coefficients(terms: tuple[PointTerm, ...]) -> Name:
+    """Return a Warp structure: the coefficients of the first term as `mine`, `others`' likewise."""
+
+    def structure(of: Any) -> Any:
+        if not terms:
+            return None
+        numbers = dict.fromkeys(terms[0].numbers, of.real)
+        fields = dict.fromkeys(terms[0].fields, wp.array(dtype=of.real))
+        others = {"others": _coefficients(terms[1:]).find(of)} if terms[1:] else {}
+        return struct_of("Terms", {"mine": struct_of("Coefficients", numbers | fields)} | others)
+
+    return Name(structure)
+
+
+def _rates_of(kind: str, unknowns: int, point: Pointwise, structure: Any) -> Any:
     """Return the function `wind` or `depth` of a `PointwiseSum`."""
-    real, lanes, is_wind = register.real, register.lanes, kind == "wind"
-    vector, load, mul = wp.array(dtype=real), run_of(register), product_of(register)
-    rows, triple = register.rows(2 if is_wind else 1), wp.types.vector(3, real)
-    of_terms, offset = None, 0 if is_wind else unknowns - 1
-    if acts := any(getattr(term, kind) for term in point.terms):
-        coefficients = structure.vars["terms"].type
-        of_terms = _sum_of_terms(kind, point.terms, real, point.tangent, coefficients)
+    is_wind = kind == "wind"
+    some, offset = rows(2 if is_wind else 1), 0 if is_wind else unknowns - 1
+    acts = any(getattr(term, kind) for term in point.terms)
+    of_terms = _sum_of_terms(kind, point.terms, point.tangent) if acts else None
 
     @func
     def state(c: structure, i: int, size: int, w: vector, x: vector):
@@ -137,7 +141,7 @@ def _rates_of(
 
     @func
     def rates(c: structure, node: int, size: int, w: vector, x: vector):
-        r = rows()
+        r = some()
         if wp.static(point.forcing):
             r[0] = load(c.forcing, offset * size + node)
         if wp.static(point.forcing and is_wind):
@@ -166,36 +170,27 @@ def _rates_of(
     return rates
 
 
-def _sum_of_terms(
-    kind: str, terms: tuple[PointTerm, ...], real: Any, tangent: bool, structure: Any
-) -> Any:
-    """Return the function (c, i, state, direction): rates of all terms, of the wind or the depth.
-
-    The structure holds the coefficients of the first term as `mine`, and those of the other terms
-    as `others`.
-    """
+def _sum_of_terms(kind: str, terms: tuple[PointTerm, ...], tangent: bool) -> Any:
+    """Return the function (c, i, state, direction): rates of all terms, of wind or depth."""
     formula, is_wind, more = getattr(terms[0], kind), kind == "wind", bool(terms[1:])
-    rates, triple = wp.types.vector(2 if is_wind else 1, real), wp.types.vector(3, real)
-    mine, acts, of_others = None, formula is not None, None
-    if acts:
-        mine = _typed(formula, structure.vars["mine"].type, real)
-    if more:
-        others = structure.vars["others"].type
-        of_others = _sum_of_terms(kind, terms[1:], real, tangent, others)
+    rates: Any = Name(lambda of: wp.types.vector(2 if is_wind else 1, of.real))
+    mine: Any = Name(lambda of: _coefficients(terms).find(of).vars["mine"].type)
+    term, acts = formula and _typed(formula, mine), formula is not None
+    of_others = _sum_of_terms(kind, terms[1:], tangent) if more else None
 
     @func
-    def of_terms(c: structure, i: int, x: triple, d: triple):
+    def of_terms(c: _coefficients(terms), i: int, x: triple, d: triple):
         r = rates()
         if wp.static(acts and is_wind and tangent):
-            u, v = mine(c.mine, i, x[0], x[1], x[2], d[0], d[1], d[2])
+            u, v = term(c.mine, i, x[0], x[1], x[2], d[0], d[1], d[2])
             r += rates(u, v)
         elif wp.static(acts and is_wind):
-            u, v = mine(c.mine, i, x[0], x[1], x[2])
+            u, v = term(c.mine, i, x[0], x[1], x[2])
             r += rates(u, v)
         elif wp.static(acts and tangent):
-            r += rates(mine(c.mine, i, x[0], x[1], x[2], d[0], d[1], d[2]))
+            r += rates(term(c.mine, i, x[0], x[1], x[2], d[0], d[1], d[2]))
         elif wp.static(acts):
-            r += rates(mine(c.mine, i, x[0], x[1], x[2]))
+            r += rates(term(c.mine, i, x[0], x[1], x[2]))
         if wp.static(more):
             r += of_others(c.others, i, x, d)
         return r
@@ -203,8 +198,8 @@ def _sum_of_terms(
     return of_terms
 
 
-def _typed(formula: Callable[..., Any], coefficients: type, real: type) -> wp.Function:
-    """The formula as a Warp function of numbers of the type `real`."""
+def _typed(formula: Callable[..., Any], coefficients: Name) -> Any:
+    """Return the formula as a device function of numbers."""
     code = formula.__code__
     typed = types.FunctionType(
         code, formula.__globals__, formula.__name__, None, formula.__closure__
@@ -213,4 +208,4 @@ def _typed(formula: Callable[..., Any], coefficients: type, real: type) -> wp.Fu
     kinds = (coefficients, int, *(real for _ in names[2:]))
     typed.__annotations__ = dict(zip(names, kinds, strict=True))
     typed.__qualname__, typed.__module__ = formula.__qualname__, formula.__module__
-    return wp.func(typed)
+    return func(typed)

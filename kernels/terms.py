@@ -3,16 +3,15 @@
 A term that is not declared here adds no array, no load and no branch to the generated code.
 """
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import struct_of
-from swe_sphere.kernels.metric import metric_of
+from swe_sphere.kernels.define import Name, Register, lanes_of, struct_of, value
 from swe_sphere.kernels.pointwise import PointwiseSum
-from swe_sphere.kernels.simd.memory import load_of
-from swe_sphere.kernels.simd.register import Register, lanes_of
+from swe_sphere.kernels.simd.arithmetic import line_sums
 from swe_sphere.kernels.simd.stages import levels_struct, stage_struct
 
 
@@ -76,11 +75,12 @@ NO_TERMS = Terms()
 
 
 class KernelTypes:
-    """Types and device functions of the kernels on element nodes."""
+    """What kernels on element nodes are for."""
 
     def __init__(
         self, np_: int, real: Any, shape: str, terms: Terms = NO_TERMS,
         point: PointwiseSum | None = None, steps: bool = False, whole: bool = True,
+        given: Any = None,
     ) -> None:  # fmt: skip
         """Derive the types from the launch shape, the number type and the terms.
 
@@ -88,30 +88,26 @@ class KernelTypes:
         point: pointwise terms that kernels over elements add at nodes inside elements; these nodes
         need no DSS and are finished there.  None where all results are left for DSS.
         steps: whether the nodes are stepped (`levels_struct`); else a stage leaves their rates.
-        whole: whether products take whole registers, see `metric_of`.
+        whole: whether products take whole registers, see `Register`.
+        given: number type of the state vectors, where it is another one.
         """
         self.np, self.real, self.shape, self.terms = np_, real, shape, terms
-        self.point, self.steps = point, steps
-        self.register = Register(real, lanes_of(real) if shape == "element" else 1)
+        self.point, self.steps, self.given = point, steps, given or real
+        self.register = Register(real, lanes_of(real) if shape == "element" else 1, whole)
         """Numbers that one thread handles side by side."""
-        self.value, self.index = self.register.value, self.register.index
-        """Types of a field at a node and of the number of the node, for all lanes."""
-        self.vector, self.local = wp.array(dtype=real), wp.array3d(dtype=self.value)
-        """Arrays of numbers on unique nodes, and (groups, np*np, fields) on element nodes."""
-        self.done = levels_struct(real) if steps else self.vector
-        """Type of the argument that takes what is finished without DSS."""
-        self.metric, self.load = metric_of(self.register, whole), load_of(self.register)
-        """Vectors and derivatives in reference coordinates, and the Warp function (x, offset,
-        node) that returns the numbers of a field at a node."""
+        self.value = self.register.value
+        """Type of a field at a node."""
+        self.share = np_ * np_ if shape == "element" else 1
+        """Nodes of an element that a thread takes in kernels without derivatives."""
         self.geometry = self._geometry()
         """Warp structure with just the arrays and scalars that kernels of these types read.  Arrays
         on element nodes have shape (group, np*np, ...), arrays on unique nodes (unknowns*N,)."""
 
     def _geometry(self) -> Any:
         terms, value, real, point = self.terms, self.value, self.real, self.point
-        on_nodes, is_node, direct = self.vector, self.shape == "node", point is not None
+        on_nodes, is_node, direct = wp.array(dtype=real), self.shape == "node", point is not None
         members: dict[str, Any] = {
-            "nodes": wp.array2d(dtype=self.index),
+            "nodes": wp.array2d(dtype=self.register.index),
             "basis": wp.array3d(dtype=value),
             "derivative": wp.array2d(dtype=real),
             "weight": wp.array2d(dtype=real),
@@ -133,19 +129,29 @@ class KernelTypes:
             "whole": (direct, wp.int32),
             "inverse_area": (direct, on_nodes),
             "stage": (direct and not self.steps, stage_struct(real)),
-            "point": (direct, point and point.structure),
+            "point": (direct, point and point.structure.find(self)),
         }
         members |= {name: kind for name, (wanted, kind) in optional.items() if wanted}
         return struct_of("Geometry", members)
 
 
-@dataclass(frozen=True)
-class ElementKernel:
-    """A kernel over elements and the types of its arguments."""
+np_: Any = Name(lambda t: t.np, of_elements=True)
+share: Any = Name(lambda t: t.share, of_elements=True)
+geometry: Any = Name(lambda t: t.geometry, of_elements=True)
+given: Any = Name(lambda t: t.given, of_elements=True)
+"""Members of `KernelTypes`, in kernels."""
+state: Any = Name(lambda t: wp.array(dtype=t.given), of_elements=True)
+"""A state vector."""
+done: Any = Name(
+    lambda t: levels_struct(t.real) if t.steps else wp.array(dtype=t.real), of_elements=True
+)
+"""Type of the argument that takes what is finished without DSS."""
+along: Any = Name(lambda t: line_sums(t.np)[0].find(t), of_elements=True)
+across: Any = Name(lambda t: line_sums(t.np)[1].find(t), of_elements=True)
+"""(derivative, field (np, np), i, j): derivatives of a field along each coordinate."""
+local = wp.array3d(dtype=value)
+"""Array of fields on element nodes (groups, np*np, fields)."""
 
-    kernel: wp.Kernel
-    geometry: Any
-    value: Any
-    flux_kernel: wp.Kernel | None = None
-    """(geometry, x): with diffusion in the shape "node" it goes before, over the same threads, and
-    fills `geometry.fluxes`."""
+
+kernel_types = functools.cache(KernelTypes)
+"""The same types each time they are requested."""

@@ -20,17 +20,25 @@ from swe_sphere.equations.effects import (
     Viscosity,
 )
 from swe_sphere.equations.model import Model
-from swe_sphere.kernels import Terms, combine_kernel, tendency_kernel
-from swe_sphere.kernels.assembly import pointwise_kernel
-from swe_sphere.kernels.coarse import coarse_kernels, sweep_kernel, tall_kernels
-from swe_sphere.kernels.damping import damping_kernels
+from swe_sphere.kernels import (
+    Terms,
+    coarse,
+    combine_kernel,
+    damping,
+    helmholtz,
+    limiter,
+    specialise,
+    tendency_kernels,
+    tracers,
+)
+from swe_sphere.kernels.assembly import assembly_kernels, blocks_kernel
+from swe_sphere.kernels.define import Template
+from swe_sphere.kernels.dynamics import gradient, transport
 from swe_sphere.kernels.forward_backward import combine_levels_kernel, run_kernels
-from swe_sphere.kernels.helmholtz import elimination_kernels, passage_kernels
-from swe_sphere.kernels.limiter import element_limiter, limit_kernel, sphere_limiter
-from swe_sphere.kernels.local import field_kernels
+from swe_sphere.kernels.local import field_kernel
 from swe_sphere.kernels.pointwise import NO_POINTWISE, PointTerm, Pointwise
-from swe_sphere.kernels.tracers import blocks_kernel, pointwise_kernels
-from swe_sphere.kernels.vectors import leapfrog_kernel
+from swe_sphere.kernels.terms import KernelTypes
+from swe_sphere.kernels.vectors import leapfrog
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import get_stepper
 from swe_sphere.testcases import get_scene
@@ -60,40 +68,36 @@ def terms(tangent: bool = False) -> tuple[PointTerm, ...]:
 
 def kernels(real: type) -> list[wp.Kernel]:
     """One of each kind that a GPU runs."""
-    nodes = [tendency_kernel(terms, 4, real, "node") for terms in (FULL, TANGENT, TRANSPORT)]
-    fields = field_kernels(4, real, "node")
+    nodes = [KernelTypes(4, real, "node", terms) for terms in (FULL, TANGENT, TRANSPORT)]
+    outer, inner = (KernelTypes(4, kind, "node", given=real) for kind in (real, wp.float32))
+    restrict, prolong, _ = coarse.transfer_kernels(inner, 16)
 
-    def kernels_of(made) -> list[wp.Kernel]:
-        return [kernel for kernel in vars(made).values() if isinstance(kernel, wp.Kernel)]
+    def assembly(unknowns: int, point: Pointwise) -> wp.Kernel:
+        return specialise(assembly_kernels(unknowns, point)[0], real)
+
+    def kernels_of(module, types: KernelTypes = inner) -> list[wp.Kernel]:
+        """All that stand in the module by themselves."""
+        made = [specialise(it, types) for it in vars(module).values() if isinstance(it, Template)]
+        return [kernel for kernel in made if isinstance(kernel, wp.Kernel)]
 
     return [
-        *(compiled.kernel for compiled in nodes),
-        *(compiled.flux_kernel for compiled in nodes if compiled.flux_kernel),
-        pointwise_kernel(3, real, Pointwise(rotation=True)).assembly,
-        pointwise_kernel(1, real, NO_POINTWISE).assembly,
-        *kernels_of(run_kernels(3, real, Pointwise(True, True, terms()), True, 1)),
-        combine_levels_kernel(real, True),
-        pointwise_kernel(3, real, Pointwise(True, True, terms())).assembly,
-        pointwise_kernel(3, real, Pointwise(True, False, terms(True), True)).assembly,
-        pointwise_kernel(3, real, Pointwise(terms=terms())).alone,
-        pointwise_kernel(1, real, Pointwise(forcing=True, terms=terms()[1:])).assembly,
+        *(kernel for types in nodes for kernel in tendency_kernels(types)),
+        assembly(3, Pointwise(rotation=True)),
+        assembly(1, NO_POINTWISE),
+        *(specialise(it, real) for it in run_kernels(3, Pointwise(True, True, terms()), True)[:2]),
+        specialise(combine_levels_kernel(True), real),
+        assembly(3, Pointwise(True, True, terms())),
+        assembly(3, Pointwise(True, False, terms(True), True)),
+        specialise(assembly_kernels(3, Pointwise(terms=terms()))[1], real),
+        assembly(1, Pointwise(forcing=True, terms=terms()[1:])),
         combine_kernel(real, 4),
-        leapfrog_kernel(real),
-        *kernels_of(elimination_kernels(4, wp.float32, real, "node")),
-        *passage_kernels(4, wp.float32, real, "node"),
-        *kernels_of(coarse_kernels(4, 16, wp.float32, "node")),
-        sweep_kernel(wp.float32, "node"),
-        *tall_kernels(wp.float32, "node"),
-        *kernels_of(damping_kernels(4, wp.float32, real, "node")),
-        fields.gradient,
-        fields.transport,
-        fields.tangent,
-        blocks_kernel(real, adds=False),
-        blocks_kernel(real, adds=True),
-        *vars(pointwise_kernels(real)).values(),
-        element_limiter(4, real, "node").kernel,
-        *sphere_limiter(real, 1),
-        limit_kernel(real, 1),
+        specialise(leapfrog, real),
+        restrict,
+        prolong,
+        *(kernel for module in (helmholtz, coarse, damping) for kernel in kernels_of(module)),
+        *(field_kernel(outer, formula) for formula in (gradient, transport(), transport(True))),
+        *(specialise(blocks_kernel(adds), real) for adds in (False, True)),
+        *(kernel for module in (tracers, limiter) for kernel in kernels_of(module, outer)),
     ]
 
 
@@ -115,7 +119,7 @@ def test_kernels_compile_for_cuda(real: type, tmp_path) -> None:
 @with_ptxas
 def test_spilled_registers_are_found(tmp_path) -> None:
     """Where a block is so large that its threads get few."""
-    code = compile_ptx(tendency_kernel(FULL, 4, wp.float64, "node").kernel, tmp_path)
+    code = compile_ptx(tendency_kernels(KernelTypes(4, wp.float64, "node", FULL))[-1], tmp_path)
     text = code.read_text()
     code.write_text(re.sub(r"\.maxntid [^\n]*\n", "", text).replace("\n{", "\n.maxnreg 24\n{", 1))
     assert min(made.spills for made in assemble(code, ARCHITECTURES).values()) > 0

@@ -51,7 +51,7 @@ class Code:
 
     def count(self, *calls: str) -> int:
         """How often any of these functions of Warp, or in C++ of ours, is called."""
-        names = rf"(?:wp::|= \w+__locals__|  \w+__locals__)(?:{'|'.join(calls)})(?:_\d+)?\("
+        names = rf"(?:wp::|(?:= |  )(?:\w+__locals__)?)(?:{'|'.join(calls)})(?:_\d+)?\("
         return len(re.findall(names, self.text))
 
     @property
@@ -60,7 +60,7 @@ class Code:
 
     @property
     def loads(self) -> int:
-        return self.count("address", "load", "entry")
+        return self.count("address", "load", "load_nodes")
 
     @property
     def stores(self) -> int:
@@ -72,7 +72,7 @@ class Code:
     def branches(self) -> int:
         """Conditions but ends of loops, those of DSS, which nodes need it, and what is a stage."""
         of_warp = r"_store\w+\(.*?^\}"
-        of_ours = r"(gather_of|load_of|leave_of)\w+\(.*?^    \}"
+        of_ours = r"(_gather|_load_nodes|leave_of)\w+\(.*?^    \}"
         own = rf"^static [^\n]* ({of_warp}|{of_ours})"
         text = re.sub(own, "", self.text, flags=re.M | re.S)
         conditions = re.findall(r"\bif \((?!.*\) goto end_for_)", text)

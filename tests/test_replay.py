@@ -10,7 +10,8 @@ from swe_sphere import Simulation
 from swe_sphere.equations.effects import Forcing, Hyperviscosity, Tracers
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError, Unstable
-from swe_sphere.kernels.vectors import axpby_kernel
+from swe_sphere.kernels import specialise
+from swe_sphere.kernels.vectors import axpby
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.replay import Replay, between
 from swe_sphere.simulation.observers import HealthCheck
@@ -76,9 +77,9 @@ def test_what_is_no_launch_is_done_between_pieces_of_a_recording(plain):
     replay, one = Replay(plain.launch), [wp.float64(1.0), wp.ones_like(x), wp.float64(1.0), x]
 
     def twice_with_a_look():
-        plain.launch(axpby_kernel(wp.float64), 1, *one)
+        plain.launch(specialise(axpby, wp.float64), 1, *one)
         between("cpu", lambda: seen.append(float(x.numpy()[0])))
-        plain.launch(axpby_kernel(wp.float64), 1, *one)
+        plain.launch(specialise(axpby, wp.float64), 1, *one)
 
     for _ in range(4):
         replay("key", twice_with_a_look)
@@ -149,7 +150,7 @@ def test_a_replay_inside_a_recording_is_part_of_it(plain, monkeypatch):
     outer, inner = Replay(plain.launch, counters), Replay(plain.launch)
 
     def add_one():
-        plain.launch(axpby_kernel(wp.float64), 1, *one)
+        plain.launch(specialise(axpby, wp.float64), 1, *one)
 
     def block():
         counters["blocks"] += 1
@@ -178,7 +179,7 @@ class Timed(get_stepper("rk4")):
 
     def advance(self):
         super().advance()
-        kernel = axpby_kernel(wp.float64)
+        kernel = specialise(axpby, wp.float64)
         self.model.launch(kernel, self.state.size, 1e-9 * self.steps, self.state, 1.0, self.state)
 
 

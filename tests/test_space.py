@@ -8,7 +8,8 @@ import pytest
 import warp as wp
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels.simd.sums import tree_kernel, weighted_products_kernel
+from swe_sphere.kernels import specialise
+from swe_sphere.kernels.simd.sums import tree, weighted_products
 from swe_sphere.operators.chunks import branches
 from swe_sphere.solvers.gmres import KrylovBasis
 from swe_sphere.solvers.vector_space import VectorSpace
@@ -240,7 +241,7 @@ def chunk_sums(real: type, shift: int) -> np.ndarray:
     )
     call = wp.array([found.ptr, 6, 1, rows.ptr, rows[6].ptr, 6], dtype=wp.uint64, device="cpu")
     inputs = [call, weights, spans, values.shape[1]]
-    wp.launch(weighted_products_kernel(real), 1, inputs, device="cpu")
+    wp.launch(specialise(weighted_products, real), 1, inputs, device="cpu")
     return found.numpy().reshape(4, 6)
 
 
@@ -267,7 +268,7 @@ def tree_sum(x: np.ndarray, ranks: int) -> np.ndarray:
 def summed(nodes: np.ndarray, x: np.ndarray, whole: bool) -> np.ndarray:
     room = wp.array(x, dtype=wp.float64, device="cpu")
     inputs = [wp.array(nodes, dtype=wp.int32, device="cpu"), int(whole), room]
-    wp.launch(tree_kernel(), 1, inputs, device="cpu")
+    wp.launch(specialise(tree, wp.float64), 1, inputs, device="cpu")
     return room.numpy()
 
 

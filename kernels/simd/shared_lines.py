@@ -6,12 +6,11 @@ different banks.  On a CPU the threads of an element run one after the other, an
 computes the numbers of all.
 """
 
-from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.simd.register import Register
+from swe_sphere.kernels.define import Register, real
 
 MOST_THREADS = 256
 
@@ -21,19 +20,19 @@ def block_threads(nodes: int) -> int:
     return max(1, MOST_THREADS // nodes) * nodes
 
 
-def shared_lines(rows: Any, real: Any, np_: int, name: str) -> SimpleNamespace:
-    """Return Warp functions by which the threads (..., element, node) share two rows a node.
+def shared_lines(kind: Any, np_: int, name: str, transposed: bool) -> tuple[Any, ...]:
+    """Return device functions by which the threads (..., element, node) share two rows a node.
 
-    rows: their type, of numbers `real`.  There is one room of a name in a kernel, and a thread
-    enters it once: on a CPU the next thread comes when this one has ended.  All threads of a block
-    have to call them, in this order: `room` = `enter`(node); `put`(room, p, first, second) for each
-    p = node + turn, turn < `turns`(node); `meet`(); then any of the line sums (room, d, i, j).
+    kind: the type of a row.  There is one room of a name in a kernel, and a thread enters it once:
+    on a CPU the next thread comes when this one has ended.  All threads of a block have to call
+    them, in this order: `room` = `enter`(node); `put`(room, p, first, second) for each p = node +
+    turn, turn < `turns`(node); `meet`(); then the line sums `along` and `across` (room, d, i, j),
+    of which each is for one row.
     """
-    size, register = wp.types.type_size_in_bytes, Register(real)
-    count = size(rows) // size(real)
+    count = len(kind.find(Register(wp.float64))())
     held = f"number {name}[{2 * count * MOST_THREADS}];"
 
-    @register.func_native(f"""
+    @Register.func_native(f"""
     #ifdef __CUDA_ARCH__
         __shared__ {held}
         __syncthreads();  // all have read what was here
@@ -45,7 +44,7 @@ def shared_lines(rows: Any, real: Any, np_: int, name: str) -> SimpleNamespace:
     """)
     def enter(node: int) -> wp.uint64: ...
 
-    @wp.func_native(f"""
+    @Register.func_native(f"""
     #ifdef __CUDA_ARCH__
         return 1;
     #else
@@ -54,7 +53,7 @@ def shared_lines(rows: Any, real: Any, np_: int, name: str) -> SimpleNamespace:
     """)
     def turns(node: int) -> int: ...
 
-    @register.func_native(f"""
+    @Register.func_native(f"""
         const auto to = reinterpret_cast<number*>(room) + p;
         #pragma unroll
         for (int k = 0; k < {count}; ++k) {{
@@ -62,9 +61,9 @@ def shared_lines(rows: Any, real: Any, np_: int, name: str) -> SimpleNamespace:
             to[({count} + k) * {MOST_THREADS}] = second.c[k];
         }}
     """)
-    def put(room: wp.uint64, p: int, first: rows, second: rows): ...
+    def put(room: wp.uint64, p: int, first: kind, second: kind): ...
 
-    @wp.func_native("""
+    @Register.func_native("""
     #ifdef __CUDA_ARCH__
         __syncthreads();
     #endif
@@ -74,7 +73,7 @@ def shared_lines(rows: Any, real: Any, np_: int, name: str) -> SimpleNamespace:
     def line_sum(row: int, factor: str, node: str) -> Any:
         """Return the sum over m of d at `factor` times the numbers at `node`, from a row on."""
 
-        @register.func_native(f"""
+        @Register.func_native(f"""
             const auto from = reinterpret_cast<const number*>(room) + {row * MOST_THREADS};
             number sums[{count}] = {{}};
             #pragma unroll
@@ -91,17 +90,10 @@ def shared_lines(rows: Any, real: Any, np_: int, name: str) -> SimpleNamespace:
             for (int k = 0; k < {count}; ++k) r.c[k] = sums[k];
             return r;
         """)
-        def shared_sum(room: wp.uint64, d: wp.array2d(dtype=real), i: int, j: int) -> rows: ...
+        def shared_sum(room: wp.uint64, d: wp.array2d(dtype=real), i: int, j: int) -> kind: ...
 
         return shared_sum
 
-    return SimpleNamespace(
-        enter=enter,
-        turns=turns,
-        put=put,
-        meet=meet,
-        along=line_sum(0, f"i * {np_} + m", f"m * {np_} + j"),
-        across=line_sum(count, f"j * {np_} + m", f"i * {np_} + m"),
-        along_transposed=line_sum(0, f"m * {np_} + i", f"m * {np_} + j"),
-        across_transposed=line_sum(count, f"m * {np_} + j", f"i * {np_} + m"),
-    )
+    factors = [f"m * {np_} + {k}" if transposed else f"{k} * {np_} + m" for k in "ij"]
+    along = line_sum(0, factors[0], f"m * {np_} + j")
+    return enter, turns, put, meet, along, line_sum(count, factors[1], f"i * {np_} + m")

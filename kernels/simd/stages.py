@@ -10,8 +10,17 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import kernel, struct_of
-from swe_sphere.kernels.simd.register import Register
+from swe_sphere.kernels.define import (
+    Name,
+    Register,
+    kernel,
+    lanes,
+    real,
+    rows,
+    struct_of,
+    value,
+    vector,
+)  # fmt: skip
 
 
 @functools.cache
@@ -35,15 +44,19 @@ def levels_struct(real: Any) -> Any:
     return struct_of("Levels", members | {"tau": real, "weights": triple, "mixes": triple})
 
 
+stage: Any = Name(lambda of: stage_struct(of.real))
+levels: Any = Name(lambda of: levels_struct(of.real))
+triple: Any = Name(lambda of: wp.types.vector(3, of.real))
+
+
 @functools.cache
-def leave_of(register: Register, fields: int) -> Any:
-    """Return the Warp function (stage, at, size, rates, out): out[at] = start[at] + tau rate.
+def leave_of(fields: int) -> Any:
+    """Return the device function (stage, at, size, rates, out): out[at] = start[at] + tau rate.
 
     Where the stage is not `on`, out[at] = rate.  The fields are `size` apart.
     """
-    stage, vector = stage_struct(register.real), wp.array(dtype=register.real)
 
-    @register.func_native(f"""
+    @Register.func_native(f"""
         for (int f = 0; f < {fields}; ++f, at += size) {{
             run r = runs(&rates)[f];
             if (s.on) {{
@@ -53,21 +66,20 @@ def leave_of(register: Register, fields: int) -> Any:
             *runs(out.data + at) = r;
         }}
     """)
-    def leave(s: stage, at: int, size: int, rates: register.rows(fields), out: vector): ...
+    def leave(s: stage, at: int, size: int, rates: rows(fields), out: vector): ...
 
     return leave
 
 
 @functools.cache
-def step_of(register: Register, shifted: bool) -> Any:
-    """Return the Warp function (now, past, at, rate, tau, weights, base, out, mixed).
+def step_of(shifted: bool) -> Any:
+    """Return the device function (now, past, at, rate, tau, weights, base, out, mixed).
 
     out = now + tau rate and mixed = the sum of (out, now, past) with these weights, of which any
     may be one array.  If `shifted`, `base` is subtracted from the sum.
     """
-    vector, triple = wp.array(dtype=register.real), wp.types.vector(3, register.real)
 
-    @register.func_native(f"""
+    @Register.func_native(f"""
         run change = *runs(&rate), sum, more;
         const run first = *runs(now.data + at);
         const run second = *runs(past.data + at);
@@ -83,80 +95,73 @@ def step_of(register: Register, shifted: bool) -> Any:
         *runs(mixed.data + at) = sum;
     """)
     def step(
-        now: vector, past: vector, at: int, rate: register.value, tau: register.real,
-        weights: triple, base: vector, out: vector, mixed: vector,
+        now: vector, past: vector, at: int, rate: value, tau: real, weights: triple, base: vector,
+        out: vector, mixed: vector,
     ): ...  # fmt: skip
 
     return step
 
 
-@functools.cache
-def mix_kernel(real: Any, lanes: int) -> wp.Kernel:
-    """Return the kernel (n, start, levels (m, n), weights (m,), first, last, out).
+@Register.func_native("""
+    const run start = *runs(x.data + at);
+    run sum = start;
+    for (int k = first; k < last; ++k) {
+        run change = *runs(levels.data + size_t(k) * levels.shape[1] + at);
+        change -= start;
+        change *= weights.data[k];
+        sum += change;
+    }
+    *runs(out.data + at) = sum;
+""")
+def mix_run(
+    x: vector, levels: wp.array2d(dtype=real), weights: vector, first: int, last: int, at: int,
+    out: vector,
+): ...  # fmt: skip
 
-    out = start + sum_k w_k (levels_k - start) with first <= k < last, over runs of `lanes` numbers;
-    the last run may overlap the one before.  `out` is another array than the others.
+
+@kernel
+def mix(
+    n: int, x: vector, levels: wp.array2d(dtype=real), weights: vector, first: int, last: int,
+    out: vector,
+):  # fmt: skip
+    """out = x + sum_k w_k (levels_k - x) with first <= k < last, over runs of x (n,).
+
+    The last run may overlap the one before.  `out` is another array than the others.
     """
-    register, vector, matrix = Register(real, lanes), wp.array(dtype=real), wp.array2d(dtype=real)
-
-    @register.func_native("""
-        const run start = *runs(x.data + at);
-        run sum = start;
-        for (int k = first; k < last; ++k) {
-            run change = *runs(levels.data + size_t(k) * levels.shape[1] + at);
-            change -= start;
-            change *= weights.data[k];
-            sum += change;
-        }
-        *runs(out.data + at) = sum;
-    """)
-    def mix_run(
-        x: vector, levels: matrix, weights: vector, first: int, last: int, at: int, out: vector
-    ): ...
-
-    @kernel
-    def mix(n: int, x: vector, levels: matrix, weights: vector, first: int, last: int, out: vector):
-        mix_run(x, levels, weights, first, last, wp.min(lanes * wp.tid(), n - lanes), out)
-
-    return mix
+    mix_run(x, levels, weights, first, last, wp.min(lanes * wp.tid(), n - lanes), out)
 
 
-@functools.cache
-def diffusive_stage_kernel(real: Any, lanes: int) -> wp.Kernel:
-    """Return the kernel of a stage of a Runge-Kutta-Legendre method, over runs of `lanes` numbers.
+@Register.func_native("""
+    const auto scaled = [&](const auto& v, auto c) {
+        run r = *runs(v.data + at);
+        r *= c;
+        return r;
+    };
+    run d = scaled(last, cl), r = scaled(rate, cr);
+    d += scaled(before, cb);
+    r += scaled(first, cf);
+    r += scaled(slope, cs);
+    d += r;
+    r = *runs(x.data + at);
+    r += d;
+    *runs(y.data + at) = r;
+    *runs(change.data + at) = d;
+""")
+def diffusive_run(
+    at: int, x: vector, last: vector, cl: real, before: vector, cb: real, rate: vector, cr: real,
+    first: vector, cf: real, slope: vector, cs: real, change: vector, y: vector,
+): ...  # fmt: skip
 
-    change = cl last + cb before + cr rate + cf first + cs slope and y = x + change for vectors (n,)
-    from `begin` on; `change` and `y` may be any of the vectors in the sums.
+
+@kernel
+def diffusive_stage(
+    begin: int, x: vector, last: vector, cl: real, before: vector, cb: real, rate: vector, cr: real,
+    first: vector, cf: real, slope: vector, cs: real, change: vector, y: vector,
+):  # fmt: skip
+    """A stage of a Runge-Kutta-Legendre method, over runs of vectors (n,) from `begin` on.
+
+    change = cl last + cb before + cr rate + cf first + cs slope and y = x + change; `change` and
+    `y` may be any of the vectors in the sums.
     """
-    register, vector = Register(real, lanes), wp.array(dtype=real)
-
-    @register.func_native("""
-        const auto scaled = [&](const auto& v, auto c) {
-            run r = *runs(v.data + at);
-            r *= c;
-            return r;
-        };
-        run d = scaled(last, cl), r = scaled(rate, cr);
-        d += scaled(before, cb);
-        r += scaled(first, cf);
-        r += scaled(slope, cs);
-        d += r;
-        r = *runs(x.data + at);
-        r += d;
-        *runs(y.data + at) = r;
-        *runs(change.data + at) = d;
-    """)
-    def stage_run(
-        at: int, x: vector, last: vector, cl: real, before: vector, cb: real, rate: vector,
-        cr: real, first: vector, cf: real, slope: vector, cs: real, change: vector, y: vector,
-    ): ...  # fmt: skip
-
-    @kernel
-    def diffusive_stage(
-        begin: int, x: vector, last: vector, cl: real, before: vector, cb: real, rate: vector,
-        cr: real, first: vector, cf: real, slope: vector, cs: real, change: vector, y: vector,
-    ):  # fmt: skip
-        at = begin + lanes * wp.tid()
-        stage_run(at, x, last, cl, before, cb, rate, cr, first, cf, slope, cs, change, y)
-
-    return diffusive_stage
+    at = begin + lanes * wp.tid()
+    diffusive_run(at, x, last, cl, before, cb, rate, cr, first, cf, slope, cs, change, y)

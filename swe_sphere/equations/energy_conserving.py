@@ -8,7 +8,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
 from swe_sphere.kernels.average import average_kernel
 from swe_sphere.kernels.pointwise import Pointwise
-from swe_sphere.kernels.vectors import axpby_kernel
+from swe_sphere.kernels.vectors import axpby
 from swe_sphere.operators import TendencyOperator
 from swe_sphere.operators.replay import recorded
 
@@ -36,14 +36,12 @@ class PoissonTendency:
         own = model.parameters | {"base": self._base}
         operator = TendencyOperator(mesh, terms, model.launch, own, point)
         self._operator = recorded(model.launch, operator)
-        self._average, structure = average_kernel(mesh.real, scene.bottom is not None)
-        self._constants = structure()
-        self._constants.size, self._constants.gravity = mesh.size, scene.planet.gravity
-        if scene.bottom:
-            self._constants.bottom = model.parameters["bottom"]
-        self._combine = axpby_kernel(mesh.real)
+        self._average, self._combine = model.launch.compile(
+            mesh.real, average_kernel(scene.bottom is not None), axpby
+        )
+        bottom = model.parameters.get("bottom", self._mean)
+        self._constants = mesh.size, scene.planet.gravity, bottom
         self._masses = self._mean[model.fluid_size :] if model.tracers is not None else None
-        model.launch.load(self._average, self._combine)
 
     @staticmethod
     def fits(model: Model) -> bool:
@@ -61,7 +59,8 @@ class PoissonTendency:
         model, nodes = self._model, self._model.device_mesh.size
         model.set_time(t)
         model.counters["rhs_evaluations"] += 1
-        model.launch(self._average, nodes, self._constants, first, last, self._mean, self._base)
+        states = first, last, self._mean, self._base
+        model.launch(self._average, nodes, *self._constants, *states)
         self._operator(self._mean, out)
         tracers = model.tracers
         if tracers is not None:

@@ -3,8 +3,9 @@
 import warp as wp
 
 from swe_sphere.equations.model import Model
-from swe_sphere.kernels.fast_waves import fast_wave_kernels
-from swe_sphere.kernels.local import field_kernels
+from swe_sphere.kernels.dynamics import gradient, transport
+from swe_sphere.kernels.fast_waves import drift, kick
+from swe_sphere.kernels.local import field_kernel
 from swe_sphere.kernels.vectors import combine_kernel
 
 
@@ -22,15 +23,16 @@ class FastWaves:
         self.state = model.zeros()
         """What is moved on: wind and depth, and what the model carries behind them."""
         self._winds, self._depth = 2 * n, self.state[2 * n : 3 * n]
-        self._fields = field_kernels(mesh.mesh.np, mesh.real, mesh.shape)
-        self._geometry = mesh.geometry(self._fields.geometry)
-        self._divergence = mesh.scratch(1, self._fields.value)
-        self._gradient = mesh.scratch(2, self._fields.value)
-        self._drift_kernel, self._kick_kernel = kernels = fast_wave_kernels(
-            mesh.real, model.tracers is not None
-        )
+        types, self._carries = mesh.types(), int(model.tracers is not None)
+        self._transport, self._slope = kernels = [
+            field_kernel(types, formula) for formula in (transport(), gradient)
+        ]
+        self._geometry = mesh.geometry(types.geometry)
+        self._divergence = mesh.scratch(1, types.value)
+        self._gradient = mesh.scratch(2, types.value)
+        self._drift_kernel, self._kick_kernel = model.launch.compile(mesh.real, drift, kick)
         self._add = combine_kernel(mesh.real, 2)
-        model.launch.load(self._fields.transport, self._fields.gradient, *kernels)
+        model.launch.load(*kernels)
         self._path, self._crossed, self._behind = self.state, self.state, slice(0, 0)
         if model.tracers is not None:
             model.launch.load(self._add)
@@ -61,18 +63,19 @@ class FastWaves:
     def _drift(self, rest: wp.array, rate: wp.array, tau: float, kept: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
         mesh.sweep(launch, self._divergence)(
-            self._fields.transport, mesh.threads(1), self._geometry, s, rest, self._winds, 1,
+            self._transport, mesh.threads(1), self._geometry, s, rest, self._winds, 1,
             self._divergence.values, s,
         )  # fmt: skip
         launch(
             self._drift_kernel, mesh.size, mesh.places(1), mesh.inverse_area, mesh.size,
-            self._divergence.flat, tau, rate, s, kept, self._path,
+            self._divergence.flat, tau, rate, s, self._carries, kept,
+            self._path,
         )  # fmt: skip
 
     def _kick(self, rate: wp.array, tau: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
         mesh.sweep(launch, self._gradient)(
-            self._fields.gradient, mesh.threads(1), self._geometry, s, self._depth, 0, 1,
+            self._slope, mesh.threads(1), self._geometry, s, self._depth, 0, 1,
             self._gradient.values, s,
         )  # fmt: skip
         launch(

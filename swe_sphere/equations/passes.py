@@ -1,20 +1,22 @@
 """The continuity and the momentum equation stepped one after the other, in a pass each."""
 
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import warp as wp
 
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.right_hand_side import element_terms, pointwise_terms
+from swe_sphere.kernels import Terms, specialise
+from swe_sphere.kernels.dynamics import transport
 from swe_sphere.kernels.forward_backward import (
     carrying_kernel,
     combine_levels_kernel,
     pushing_kernel,
     run_kernels,
 )
-from swe_sphere.kernels.local import field_kernels, tendency_kernel
+from swe_sphere.kernels.local import field_kernel, tendency_kernels
+from swe_sphere.kernels.pointwise import pointwise_sum
 from swe_sphere.kernels.simd.stages import levels_struct
 from swe_sphere.operators.launch import REMEMBERED, in_runs
 from swe_sphere.operators.tendency import fill
@@ -35,14 +37,14 @@ class Passes:
     def __init__(self, model: Model) -> None:
         self._model = model
         self._mesh, self._real = model.device_mesh, model.device_mesh.real
-        mesh, np_ = self._mesh, self._mesh.mesh.np
+        mesh = self._mesh
         terms = element_terms(model.scene, "conservative")
         point = pointwise_terms(model.scene, "conservative", model.parameters)
         self._moves, self._first = not terms.wind, terms.unknowns - 1
         self._masses = len(model.names) - self._first
         self.carried, self.pushed, self._loss = (model.zeros() for _ in range(3))
         self._base: wp.array | None = model.parameters.get("base")
-        self._combine = combine_levels_kernel(self._real, point.tangent)
+        self._combine = specialise(combine_levels_kernel(point.tangent), self._real)
         self._steps: dict[Any, Any] = {}
         damped, parameters = model.dissipative, {"base": None, **model.parameters}
         direct = (
@@ -52,35 +54,32 @@ class Passes:
             and terms.gradient == self._moves
         )
         self._direct, lanes = direct, mesh.lanes if direct else 1
-        kernels_of = partial(run_kernels, terms.unknowns, self._real, point, damped)
-        span = lanes, mesh.inner if direct else 0, mesh.size
-        self._depth_sums = in_runs(model.launch, lambda n: kernels_of(n).depth, *span)
+        depth, wind, kind = run_kernels(terms.unknowns, point, damped)
+        span = self._real, lanes, mesh.inner if direct else 0, mesh.size
+        self._depth_sums = in_runs(model.launch, depth, *span)
         self._wind_sums = []
         if self._moves:
-            self._wind_sums = in_runs(model.launch, lambda n: kernels_of(n).wind, *span)
-        kind = kernels_of(1).geometry
+            self._wind_sums = in_runs(model.launch, wind, *span)
+        kind = specialise(kind, self._real)
         parameters["point"] = fill(kind.vars["point"].type, parameters, point)
         self._node_geometry = mesh.geometry(kind, parameters)
         """Arguments of the kernels that step the nodes which the elements left out."""
-        of_fields = field_kernels(np_, self._real, mesh.shape)
-        self._local_depth = mesh.scratch(self._masses, of_fields.value)
-        self._local_wind = mesh.scratch(2, of_fields.value)
-        self._transport, self._geometry = None, mesh.geometry(of_fields.geometry)
+        stepped = {"point": pointwise_sum(terms.unknowns, point), "steps": True} if direct else {}
+        types = mesh.types()
+        self._local_depth = mesh.scratch(self._masses, types.value)
+        self._local_wind = mesh.scratch(2, types.value)
+        self._transport = None
         if direct:
-            carrying = carrying_kernel(np_, terms.unknowns, self._real, point, damped)
-            self._transport = carrying.kernel
-            self._geometry = mesh.geometry(carrying.geometry, parameters)
+            types = mesh.types(terms=Terms(wind=terms.wind, still=True), **stepped)
+            self._transport = carrying_kernel(types, damped)
         elif terms.dynamics:
-            self._transport = of_fields.tangent if terms.tangent else of_fields.transport
+            self._transport = field_kernel(types, transport(terms.tangent))
+        self._geometry = mesh.geometry(types.geometry, parameters)
         self._force, self._force_geometry = None, None
         if terms.gradient:
-            alone = replace(terms, momentum=True)
-            if direct:
-                made = pushing_kernel(alone, np_, self._real, point, damped)
-            else:
-                made = tendency_kernel(alone, np_, self._real, mesh.shape)
-            self._force = made.kernel
-            self._force_geometry = mesh.geometry(made.geometry, parameters)
+            types = mesh.types(terms=replace(terms, momentum=True), **stepped)
+            self._force = pushing_kernel(types, damped) if direct else tendency_kernels(types)[0]
+            self._force_geometry = mesh.geometry(types.geometry, parameters)
         wanted = [self._transport, self._force, self._combine]
         model.launch.load(*(kernel for kernel in wanted if kernel is not None))
 

@@ -12,8 +12,8 @@ from swe_sphere.equations.effects import Tracers
 from swe_sphere.equations.right_hand_side import Operation, element_terms, term_operations
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels import Terms, combine_kernel
-from swe_sphere.kernels.tracers import pointwise_kernels
+from swe_sphere.kernels import Terms, combine_kernel, specialise
+from swe_sphere.kernels.tracers import raised, raised_tangent
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.tracers import Limiter, MixingRatio, TracerTransport
 
@@ -107,21 +107,24 @@ class _Diffusion:
     def __init__(self, tracers: TracerEquations, model: DiscreteScene, terms: Terms) -> None:
         mesh, count = model.device_mesh, tracers.count
         self._model, self._launch = model, model.launch
-        self._kernels, self._add = pointwise_kernels(mesh.real), combine_kernel(mesh.real, 1)
+        self._add = combine_kernel(mesh.real, 1)
+        self._kernel, self._tangent_kernel = (
+            specialise(kernel, mesh.real) for kernel in (raised, raised_tangent)
+        )
         self._dim, self._first, self._size = (count, mesh.size), tracers.first, mesh.size
         self._offsets = (tracers.depth, tracers.first, mesh.size)
-        raised = model.scene.bottom is not None
-        self._bottom = mesh.scatter(model.bottom) if raised else None
+        has_bottom = model.scene.bottom is not None
+        self._bottom = mesh.scatter(model.bottom) if has_bottom else None
         self._raised, self._rate = (model.zeros(count * mesh.size) for _ in range(2))
         diffusion, biharmonic = terms.diffusion, terms.biharmonic
         self._of_field = Terms(wind=True, still=True, diffusion=diffusion, biharmonic=biharmonic)
 
     def operations(self, base: wp.array | None) -> list[Operation]:
         """Return what adds the diffusion at a state, or its derivative at the state `base`."""
-        raised = self._raise
+        operation = self._raise
         if base is not None and self._bottom is not None:
-            raised = partial(self._raise_tangent, base)
-        operations = [Operation(raised, target=self._raised)]
+            operation = partial(self._raise_tangent, base)
+        operations = [Operation(operation, target=self._raised)]
         of_field = term_operations(self._model, self._of_field)
         for k in range(0, self._raised.size, self._size):
             field, rate = (room[k : k + self._size] for room in (self._raised, self._rate))
@@ -133,11 +136,10 @@ class _Diffusion:
         if self._bottom is None:
             wp.copy(out, x, src_offset=self._first, count=out.size)
         else:
-            self._launch(self._kernels.raised, self._dim, x, self._bottom, *self._offsets, out)
+            self._launch(self._kernel, self._dim, x, self._bottom, *self._offsets, out)
 
     def _raise_tangent(self, base: wp.array, x: wp.array, out: wp.array) -> None:
-        raised = self._kernels.raised_tangent
-        self._launch(raised, self._dim, base, self._bottom, *self._offsets, x, out)
+        self._launch(self._tangent_kernel, self._dim, base, self._bottom, *self._offsets, x, out)
 
     def _add_rates(self, rate: wp.array, out: wp.array) -> None:
         masses = out[self._first : self._first + rate.size]

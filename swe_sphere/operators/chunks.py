@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.kernels.simd.sums import tree_kernel
+from swe_sphere.kernels.simd.sums import tree
 from swe_sphere.mesh.partition import Part
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.ranks.communicator import Communicator
@@ -57,8 +57,7 @@ class Chunks:
         Each has its sums (n, width), and a command that adds them up in place: to those of the
         largest branches, or to the total.
         """
-        kernel, trees = tree_kernel(), []
-        Launcher("cpu", self._comm).load(kernel)
+        (kernel,), trees = Launcher("cpu", self._comm).compile(wp.float64, tree), []
         for is_whole, nodes in enumerate((self._leaves, np.concatenate(self._branches))):
             sums = wp.zeros((len(nodes), width), dtype=wp.float64, device="cpu")
             inputs = [wp.array(nodes, dtype=wp.int32, device="cpu"), is_whole, sums]

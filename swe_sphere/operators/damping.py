@@ -13,7 +13,7 @@ import scipy
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.kernels.damping import damping_kernels
+from swe_sphere.kernels.damping import covariant, damp, joined, physical
 from swe_sphere.operators.device_mesh import DeviceMesh, Field
 from swe_sphere.operators.launch import Launcher
 
@@ -30,7 +30,11 @@ class Damping:
 
     def __init__(self, mesh: DeviceMesh, launch: Launcher, rate: Rate, given: Any) -> None:
         self._mesh, self._launch, self._rate = mesh, launch, rate
-        self._kernels = damping_kernels(mesh.mesh.np, mesh.real, given, mesh.shape)
+        types = mesh.types(given=given)
+        self._dim = mesh.groups, mesh.points // types.share
+        self._filter, self._covariant, self._physical, self._joined = launch.compile(
+            types, damp, covariant, physical, joined
+        )
         d, weights, basis = mesh.mesh.derivative, mesh.mesh.gll_weights, mesh.mesh.basis
         squares, vectors = scipy.linalg.eigh(d.T @ np.diag(weights) @ d, np.diag(weights))
         squares = np.maximum(squares, 0.0)  # eigenvalues of the weak Laplacian on [-1, 1]
@@ -49,8 +53,6 @@ class Damping:
         self._second = mesh.unshared(1, dtype)
         self.state = wp.zeros(3 * mesh.size, dtype=given, device=mesh.device)
         """That of the last call of `damp_wind`."""
-        made = self._kernels
-        launch.load(made.damp, made.covariant, made.physical, made.joined)
 
     def configure(self, tau: float) -> None:
         """Set the implicit step [s]."""
@@ -72,14 +74,13 @@ class Damping:
     def damp_wind(self, r: wp.array) -> wp.array:
         """A state with the wind F V of r, after DSS, and its depth."""
         mesh, one, two, size = self._mesh, self._first, self._second, self._mesh.size
-        dim = mesh.groups, mesh.points // self._kernels.share
         self._launch(
-            self._kernels.covariant, dim, mesh.nodes, mesh.basis, size, r, one.values, two.values
+            self._covariant, self._dim, mesh.nodes, mesh.basis, size, r, one.values, two.values
         )
         for each in (one, two):
             self._damp(self._once, self._ones, each, each)
         self._launch(
-            self._kernels.physical, dim, mesh.weight, mesh.basis, one.values, two.values,
+            self._physical, self._dim, mesh.weight, mesh.basis, one.values, two.values,
             self._east.values, self._north.values,
         )  # fmt: skip
         self._join(self._east, 0, self.state)
@@ -89,7 +90,7 @@ class Damping:
 
     def _damp(self, factor: wp.array, scale: wp.array, x: Field, out: Field) -> None:
         self._launch(
-            self._kernels.damp, self._mesh.groups, self._to_modes, self._to_nodes, factor, scale,
+            self._filter, self._mesh.groups, self._to_modes, self._to_nodes, factor, scale,
             x.values, out.values,
         )  # fmt: skip
 
@@ -97,6 +98,6 @@ class Damping:
         mesh = self._mesh
         mesh.exchange(local)
         self._launch(
-            self._kernels.joined, mesh.size, mesh.places(1), mesh.inverse_area, local.flat,
+            self._joined, mesh.size, mesh.places(1), mesh.inverse_area, local.flat,
             block * mesh.size, out,
         )  # fmt: skip

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels import lanes_of
+from swe_sphere.kernels.define import REGISTER_BYTES, lanes_of
 from swe_sphere.kernels.element import room
 from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors
-from swe_sphere.kernels.simd.register import REGISTER_BYTES
 from swe_sphere.kernels.simd.stages import stage_struct
+from swe_sphere.kernels.terms import KernelTypes, kernel_types
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cubed_sphere import BLOCK
 from swe_sphere.mesh.partition import Part, Partition, whole
@@ -79,6 +79,10 @@ class DeviceMesh:
         if (real, shape) == (self.real, self.shape):
             return self
         return DeviceMesh(self.mesh, self.device, real, shape, self.comm, self.part)
+
+    def types(self, **options: Any) -> KernelTypes:
+        """Return the types of kernels on these elements; options as for `KernelTypes`."""
+        return kernel_types(self.mesh.np, self.real, self.shape, **options)
 
     def threads(self, *fields: int) -> int | tuple[int, ...]:
         """Return the threads of a launch over the element nodes, of so many fields if any."""

@@ -26,8 +26,8 @@ class Buffer:
     def __init__(self, comm: Communicator, array: wp.array, positions: Positions) -> None:
         device, on_cpu = str(array.device), array.device.is_cpu
         places = np.concatenate([*(p.ravel() for p in positions.values()), np.zeros(0, int)])
-        kernels = [packing_kernel(array.dtype, back, not on_cpu) for back in (False, True)]
-        Launcher(device, comm).load(*kernels)
+        pack, unpack = (packing_kernel(back, not on_cpu) for back in (False, True))
+        kernels = Launcher(device, comm).compile(array.dtype, pack, unpack)
         self._there = wp.empty(places.size, dtype=array.dtype, device=device)
         self._here = self._there
         if not comm.reaches(device):

@@ -7,7 +7,8 @@ import scipy
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.kernels.coarse import sweep_kernel, tall_kernels
+from swe_sphere.kernels import Register
+from swe_sphere.kernels.coarse import sweep, tall_parts, tall_product, tall_total
 from swe_sphere.operators.device_mesh import DeviceMesh, Field
 from swe_sphere.operators.launch import Launcher
 
@@ -55,8 +56,8 @@ class SlicedMatrix:
     """
 
     def __init__(self, mesh: DeviceMesh, launch: Launcher, matrix: scipy.sparse.csr_array) -> None:
-        self._launch, self._kernel = launch, sweep_kernel(mesh.real, mesh.shape)
-        launch.load(self._kernel)
+        register = Register(mesh.real, mesh.lanes, whole=False)
+        self._launch, (self._kernel,) = launch, launch.compile(register, sweep)
         self._groups = -(-matrix.shape[0] // mesh.lanes)
         starts, diagonals, values = _grouped(mesh, matrix, shifted=True)
         self._entries = starts, wp.array(diagonals, dtype=wp.int32, device=mesh.device), values
@@ -89,9 +90,10 @@ class TallMatrix:
     """
 
     def __init__(self, mesh: DeviceMesh, launch: Launcher, matrix: scipy.sparse.csr_array) -> None:
-        self._launch, kernels = launch, tall_kernels(mesh.real, mesh.shape)
-        self._product, self._part, self._total = kernels
-        launch.load(*kernels)
+        self._launch, register = launch, Register(mesh.real, mesh.lanes, whole=False)
+        self._product, self._part, self._total = launch.compile(
+            register, tall_product, tall_parts, tall_total
+        )
         rows, self._few = matrix.shape
         self._groups = -(-rows // mesh.lanes)
         self._at, column, self._values = _grouped(mesh, matrix, shifted=False)

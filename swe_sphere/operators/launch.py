@@ -15,6 +15,7 @@ import warp as wp
 
 from swe_sphere.compiling import compiling
 from swe_sphere.errors import ConfigError
+from swe_sphere.kernels.define import Register, specialise
 from swe_sphere.kernels.simd.shared_lines import block_threads
 from swe_sphere.ranks.communicator import Communicator
 
@@ -63,6 +64,12 @@ class Launcher:
                 self._load(module)
         self.compile_seconds += time.perf_counter() - start
         self.compile_cpu_seconds += time.process_time() - worked
+
+    def compile(self, of: Any, *kernels: Any) -> list[Any]:
+        """Return these kernels for a register or for elements, loaded; `of` as for `specialise`."""
+        made = [specialise(kernel, of) for kernel in kernels]
+        self.load(*made)
+        return made
 
     def _is_cached(self, module: Any) -> bool:
         """Whether Warp has compiled the module before, for this processor or GPU."""
@@ -152,17 +159,17 @@ def _identity(argument: Any) -> object:
 
 
 def in_runs(
-    launch: Launcher, kernel_of: Callable[[int], Any], lanes: int, begin: int, end: int
+    launch: Launcher, kernel: Any, real: Any, lanes: int, begin: int, end: int
 ) -> list[Callable[..., None]]:
     """Return the launches of kernels that share the numbers from `begin` to `end`.
 
-    `kernel_of(lanes)` takes so many in a thread, and `kernel_of(1)` those that are left over.  The
-    first argument of either is its first number; the launches take the others.
+    Threads of the kernel take `lanes` numbers, and one each of those that are left over.  Its first
+    argument is its first number; the launches take the others.
     """
     whole = begin + (end - begin) // lanes * lanes
     spans = (lanes, begin, whole), (1, whole, end)
-    runs = [(kernel_of(n), (b - a) // n, a) for n, a, b in spans if a < b]
-    launch.load(*(kernel for kernel, _, _ in runs))
+    runs = [(specialise(kernel, Register(real, n)), (b - a) // n, a) for n, a, b in spans if a < b]
+    launch.load(*(made for made, _, _ in runs))
     return [functools.partial(launch, *run) for run in runs]
 
 

@@ -1,15 +1,16 @@
 """The penalty on jumps of vorticity and divergence at the edges of elements."""
 
-from functools import partial
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.kernels.penalty import penalty_kernels
+from swe_sphere.kernels import Terms
+from swe_sphere.kernels.assembly import blocks_kernel
+from swe_sphere.kernels.local import field_kernel
+from swe_sphere.kernels.penalty import derivatives, weak_form
 from swe_sphere.kernels.simd.stages import stage_struct
-from swe_sphere.kernels.tracers import blocks_kernel
 from swe_sphere.operators.device_mesh import DeviceMesh, Field
 from swe_sphere.operators.diagnose import assemble
 from swe_sphere.operators.launch import Launcher, in_runs
@@ -23,7 +24,11 @@ class EdgePenaltyOperator:
 
     def __init__(self, mesh: DeviceMesh, launch: Launcher, strength: Array) -> None:
         self._mesh, self._launch = mesh, launch
-        self._kernels = made = penalty_kernels(mesh.mesh.np, mesh.real, mesh.shape)
+        types = mesh.types(terms=Terms(jumps=True))
+        self._derivatives, self._weak_form = kernels = [
+            field_kernel(types, formula) for formula in (derivatives, weak_form)
+        ]
+        launch.load(*kernels)
         at_edge = np.ones((mesh.mesh.np, mesh.mesh.np))
         at_edge[1:-1, 1:-1] = 0.0
         gamma = strength[:, None, None] * at_edge
@@ -32,28 +37,26 @@ class EdgePenaltyOperator:
             1.0, weight * mesh.mesh.area, where=weight > 0.0, out=np.zeros_like(weight)
         )
         self._mean_scale = mesh.scatter(scale)
-        self._jumps, self._weak = mesh.local(2, made.value), mesh.local(2, made.value)
+        self._jumps, self._weak = mesh.local(2, types.value), mesh.local(2, types.value)
         self._means = wp.zeros(2 * mesh.size, dtype=mesh.real, device=mesh.device)
         given = {
             "strength": mesh.on_elements(gamma[mesh.part.elements]), "jumps": self._jumps.values,
         }  # fmt: skip
         transposed = mesh.upload(np.ascontiguousarray(mesh.mesh.derivative.T))
-        self._geometry = mesh.geometry(made.geometry, given)
-        self._transposed = mesh.geometry(made.geometry, given | {"derivative": transposed})
-        launch.load(made.derivatives, made.penalty)
-        assembly_of = partial(blocks_kernel, mesh.real, False)
-        self._sums = in_runs(launch, assembly_of, mesh.lanes, 0, mesh.size)
+        self._geometry = mesh.geometry(types.geometry, given)
+        self._transposed = mesh.geometry(types.geometry, given | {"derivative": transposed})
+        self._sums = in_runs(launch, blocks_kernel(False), mesh.real, mesh.lanes, 0, mesh.size)
 
     def __call__(self, x: wp.array, factor: float, out: wp.array) -> None:
         """Add `factor` times the penalty of the wind of x to the wind of `out`."""
-        mesh, made, means = self._mesh, self._kernels, self._means
+        mesh, means = self._mesh, self._means
         threads, jumps, weak = mesh.threads(1), self._jumps, self._weak
         mesh.sweep(self._launch, jumps)(
-            made.derivatives, threads, self._geometry, x, x, 0, 1, jumps.values, x
+            self._derivatives, threads, self._geometry, x, x, 0, 1, jumps.values, x
         )
         self._assemble(self._mean_scale, jumps, mesh.stage, means)
         mesh.sweep(self._launch, weak)(
-            made.penalty, threads, self._transposed, means, means, 0, 1, weak.values, means
+            self._weak_form, threads, self._transposed, means, means, 0, 1, weak.values, means
         )
         added = stage_struct(mesh.real)()
         added.on, added.start, added.tau = True, out, factor

@@ -21,7 +21,7 @@ import scipy
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.kernels.helmholtz import elimination_kernels, passage_kernels
+from swe_sphere.kernels import helmholtz, specialise
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import sparse
 from swe_sphere.operators.damping import Damping, Rate
@@ -44,38 +44,47 @@ class SchurOperator:
         damping: Rate | None = None,
     ) -> None:  # fmt: skip
         self.mesh, self.launch, self.gravity, self.coriolis = mesh, launch, gravity, coriolis
-        self.size, self.tau, order = mesh.size, 0.0, mesh.mesh.np
-        self._kernels = elimination_kernels(order, mesh.real, given, mesh.shape)
+        self.size, self.tau = mesh.size, 0.0
+        types = mesh.types(given=given, whole=False)
+        self._value, self._together = types.value, specialise(helmholtz.together, types)
         self._nodes = mesh.mesh.nodes[mesh.part.elements]
         """(e, np, np) number in the whole mesh of each element node."""
-        self.dim = mesh.groups, mesh.points // self._kernels.share
+        self.dim = mesh.groups, mesh.points // types.share
         """Threads of a launch over the elements."""
         shape = mesh.groups, mesh.points
         room = {"fluxes": (*shape, 4), "per_diagonal": shape}
         self._configured = {
-            name: wp.zeros(size, dtype=self._kernels.value, device=mesh.device)
+            name: wp.zeros(size, dtype=self._value, device=mesh.device)
             for name, size in room.items()
         }
         per_area = mesh.on_elements(1.0 / mesh.mesh.area[self._nodes])
         given_arrays = self._configured | {"per_area": per_area, "others": mesh.others}
-        self._passages = functools.cache(self._load_passages)
-        self._geometry = mesh.geometry(self._kernels.geometry, given_arrays)
+        self._geometry = mesh.geometry(specialise(helmholtz.geometry, types), given_arrays)
+        passages = helmholtz.spread, helmholtz.collect
+        self._passages = functools.cache(
+            lambda given: launch.compile(mesh.types(given=given, whole=False), *passages)
+        )
+        """Kernels between fields and vectors of a number type."""
         self._f1, self._f2 = self.field(), self.field()
-        self._local = mesh.local(1, self._kernels.value)
-        self._slopes, rows = mesh.local(1, self._kernels.value, 2), mesh.rows // mesh.points
+        self._local = mesh.local(1, self._value)
+        self._slopes, rows = mesh.local(1, self._value, 2), mesh.rows // mesh.points
         self._east, self._north = (mesh.field(self._slopes.values[i : i + rows]) for i in (0, rows))
         self._same, self._cross, self._nodal = (
             wp.zeros(self.size, dtype=mesh.real, device=mesh.device) for _ in range(3)
         )
         self.damping = None if damping is None else Damping(mesh, launch, damping, given)
         """What implicit diffusion leaves of a wave, if there is any."""
-        names = ["gradient", "wind_fluxes", "slope_fluxes", "eliminated", "chebyshev"]
-        names += ["substituted"] if self._kernels.together else ["substituted", "divergence"]
-        launch.load(*(getattr(self._kernels, name) for name in names))
+        self._gradient, self._wind_fluxes, self._slope_fluxes, *others = launch.compile(
+            types, helmholtz.gradient, helmholtz.wind_fluxes, helmholtz.slope_fluxes,
+            helmholtz.eliminated, helmholtz.chebyshev, helmholtz.substituted,
+        )  # fmt: skip
+        self._eliminated, self._chebyshev, self._substituted = others
+        if not self._together:
+            (self._divergence,) = launch.compile(types, helmholtz.divergence)
 
     def field(self) -> Field:
         """A field of zeros."""
-        return self.mesh.unshared(1, self._kernels.value)
+        return self.mesh.unshared(1, self._value)
 
     def spread(self, x: wp.array, out: Field) -> None:
         """A nodal vector (N,) of any number type to a field."""
@@ -118,9 +127,9 @@ class SchurOperator:
         """b = r_h - tau D H T r_V for r (3N,)."""
         if self.damping is not None:
             r = self.damping.damp_wind(r)
-        self._diverge(self._kernels.wind_fluxes, r)
+        self._diverge(self._wind_fluxes, r)
         local = self._local.values, self._local.flat
-        self._launch(self._kernels.eliminated, *local, r, self.tau, b.values)
+        self._launch(self._eliminated, *local, r, self.tau, b.values)
 
     def substitute(self, r: wp.array, h: Field, out: wp.array) -> None:
         """out (3N,) = (T (r_V - tau g G h), h), with r as it was eliminated last."""
@@ -128,7 +137,7 @@ class SchurOperator:
             r = self.damping.state
         self._differentiate(h)
         self.launch(
-            self._kernels.substituted, self.size, self.mesh.places(1), self.mesh.of_own,
+            self._substituted, self.size, self.mesh.places(1), self.mesh.of_own,
             self.mesh.inverse_area, self._same, self._cross, self.size, self._east.flat,
             self._north.flat, h.flat, r, self.tau * self.gravity, out,
         )  # fmt: skip
@@ -152,7 +161,7 @@ class SchurOperator:
         self._differentiate(d)
         east, north = self._east, self._north
         slopes = east.values, east.flat, north.values, north.flat
-        self._diverge(self._kernels.slope_fluxes, *slopes)
+        self._diverge(self._slope_fluxes, *slopes)
         self._smooth(sign, coefficients, r, d, x)
 
     def chebyshev_start(self, coefficients: Step, r: Field, d: Field, x: Field) -> None:
@@ -163,7 +172,7 @@ class SchurOperator:
 
     def _smooth(self, sign: float, coefficients: Step, r: Field, d: Field, x: Field) -> None:
         self._launch(
-            self._kernels.chebyshev, self._local.values, self._local.flat, sign,
+            self._chebyshev, self._local.values, self._local.flat, sign,
             self.tau**2 * self.gravity, *coefficients, r.values, d.values, x.values,
         )  # fmt: skip
 
@@ -172,26 +181,20 @@ class SchurOperator:
             self.damping.damp_twice(x, self._f1)
             x = self._f1
         self.mesh.sweep(self.launch, self._slopes)(
-            self._kernels.gradient, self.dim, self._geometry, x.values, self._east.values,
+            self._gradient, self.dim, self._geometry, x.values, self._east.values,
             self._north.values,
         )  # fmt: skip
 
     def _diverge(self, of_fluxes: Any, *arguments: Any) -> None:
         results = self._f1.values, self._f2.values, self._local.values
         arguments, last = (*arguments, *results), of_fluxes
-        if not self._kernels.together:
+        if not self._together:
             self._launch(of_fluxes, *arguments)
-            arguments, last = results, self._kernels.divergence
+            arguments, last = results, self._divergence
         self.mesh.sweep(self.launch, self._local)(last, self.dim, self._geometry, *arguments)
 
     def _launch(self, kernel: Any, *arguments: Any) -> None:
         self.launch(kernel, self.dim, self._geometry, *arguments)
-
-    def _load_passages(self, given: Any) -> Any:
-        """Return the kernels between fields and vectors of the number type `given`."""
-        kernels = passage_kernels(self.mesh.mesh.np, self.mesh.real, given, self.mesh.shape)
-        self.launch.load(*kernels)
-        return kernels
 
 
 class SchurMatrix:

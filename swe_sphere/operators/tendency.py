@@ -2,14 +2,13 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels import Terms, tendency_kernel
-from swe_sphere.kernels.assembly import pointwise_kernel
-from swe_sphere.kernels.pointwise import NO_POINTWISE, PointTerm, Pointwise
+from swe_sphere.kernels import Terms, specialise, tendency_kernels
+from swe_sphere.kernels.assembly import assembly_kernels
+from swe_sphere.kernels.pointwise import NO_POINTWISE, PointTerm, Pointwise, pointwise_sum
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher, in_runs
 
@@ -40,19 +39,19 @@ class TendencyOperator:
         if terms.diffuses:
             inside = not terms.dynamics and replace(point, tangent=False) == NO_POINTWISE
         direct = mesh.lanes > 1 and inside
-        self.compiled = tendency_kernel(terms, mesh.mesh.np, mesh.real, mesh.shape, direct, point)
-        self._fluxes = [] if self.compiled.flux_kernel is None else [self.compiled.flux_kernel]
-        value = self.compiled.value
+        unknowns, added = terms.unknowns, pointwise_sum(terms.unknowns, point)
+        types = mesh.types(terms=terms, point=added if direct else None)
+        *self._fluxes, self._kernel = tendency_kernels(types)
         parameters = {"base": None, **parameters, "stage": self._stage}
-        made = partial(pointwise_kernel, terms.unknowns, mesh.real, point)
-        self._own = fill(made(1).structure, parameters, point)
-        self.geometry = mesh.geometry(self.compiled.geometry, parameters | {"point": self._own})
+        assembly, _ = assembly_kernels(unknowns, point)
+        self._own = fill(specialise(added.structure, mesh.real), parameters, point)
+        self.geometry = mesh.geometry(types.geometry, parameters | {"point": self._own})
         self._turned = self.geometry.base if terms.poisson else None
-        self.local, self._places = mesh.scratch(terms.unknowns, value), mesh.places(terms.unknowns)
+        self.local, self._places = mesh.scratch(unknowns, types.value), mesh.places(unknowns)
         lanes, begin = (mesh.lanes, mesh.inner) if direct else (1, 0)
-        self._sums = in_runs(launch, lambda n: made(n).assembly, lanes, begin, mesh.size)
+        self._sums = in_runs(launch, assembly, mesh.real, lanes, begin, mesh.size)
         """DSS of what elements have not finished, as many nodes at once as a register holds."""
-        self.kernels = [self.compiled.kernel, made(1).assembly, *self._fluxes]
+        self.kernels = [self._kernel, specialise(assembly, mesh.real), *self._fluxes]
         """The kernels of one node or one group of elements a thread."""
         launch.load(*self.kernels)
 
@@ -61,8 +60,8 @@ class TendencyOperator:
         mesh, launch, local = self.mesh, self._launch, self.local
         for flux in self._fluxes:
             launch(flux, mesh.threads(), self.geometry, x)
-        kernel, arguments = self.compiled.kernel, (self.geometry, x, local.values, out)
-        mesh.sweep(launch, local)(kernel, mesh.threads(), *arguments)
+        arguments = self.geometry, x, local.values, out
+        mesh.sweep(launch, local)(self._kernel, mesh.threads(), *arguments)
         wind = x if self._turned is None else self._turned
         for assemble in self._sums:
             assemble(
@@ -83,12 +82,12 @@ def pointwise_operator(
 
     Arguments as for `TendencyOperator`.
     """
-    made, stage = pointwise_kernel(unknowns, mesh.real, point), stage or mesh.stage
-    own = fill(made.structure, {"base": None, **parameters}, point)
-    launch.load(made.alone)
+    (alone,) = launch.compile(mesh.real, assembly_kernels(unknowns, point)[1])
+    structure = specialise(pointwise_sum(unknowns, point).structure, mesh.real)
+    own, stage = fill(structure, {"base": None, **parameters}, point), stage or mesh.stage
 
     def evaluate(x: wp.array, out: wp.array) -> None:
-        launch(made.alone, mesh.size, mesh.size, own, x, stage, out)
+        launch(alone, mesh.size, mesh.size, own, x, stage, out)
 
     return evaluate
 

@@ -1,14 +1,15 @@
 """Flux-form transport of tracers on the device, their mixing ratios, and their limiter."""
 
-from functools import partial
 from typing import Any
 
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.kernels.limiter import element_limiter, limit_kernel, sphere_limiter
-from swe_sphere.kernels.local import field_kernels
-from swe_sphere.kernels.tracers import blocks_kernel, pointwise_kernels
+from swe_sphere.kernels.assembly import blocks_kernel
+from swe_sphere.kernels.dynamics import transport
+from swe_sphere.kernels.limiter import fill_rooms, limit_elements, limit_sphere, sum_rooms
+from swe_sphere.kernels.local import field_kernel
+from swe_sphere.kernels.tracers import correct, follow, mixing_ratio
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher, in_runs
 from swe_sphere.operators.replay import Replay
@@ -19,12 +20,14 @@ class TracerTransport:
 
     def __init__(self, mesh: DeviceMesh, launch: Launcher, count: int) -> None:
         self.mesh, self.count, self._launch = mesh, count, launch
-        self._kernels = field_kernels(mesh.mesh.np, mesh.real, mesh.shape)
-        assembly_of = partial(blocks_kernel, mesh.real, False)
-        self._sums = in_runs(launch, assembly_of, mesh.lanes, 0, mesh.size)
-        self._geometry = mesh.geometry(self._kernels.geometry)
-        self._local, self._places = mesh.scratch(count, self._kernels.value), mesh.places(count)
-        launch.load(self._kernels.transport)
+        types = mesh.types()
+        self._kernel, self._tangent = (
+            field_kernel(types, transport(tangent)) for tangent in (False, True)
+        )
+        self._sums = in_runs(launch, blocks_kernel(False), mesh.real, mesh.lanes, 0, mesh.size)
+        self._geometry = mesh.geometry(types.geometry)
+        self._local, self._places = mesh.scratch(count, types.value), mesh.places(count)
+        launch.load(self._kernel)
         self._has_tangent = False
 
     def __call__(
@@ -36,7 +39,7 @@ class TracerTransport:
         With a `stage` (a `stage_struct`), out[to:] is the result of the stage instead of the rate.
         """
         mesh, local, count = self.mesh, self._local, self.count
-        kernel, stage = kernel or self._kernels.transport, mesh.stage if stage is None else stage
+        kernel, stage = kernel or self._kernel, mesh.stage if stage is None else stage
         arguments = self._geometry, wind, x, first, count, local.values, x
         mesh.sweep(self._launch, local)(kernel, mesh.threads(count), *arguments)
         numbers = mesh.lanes, mesh.size, count, to
@@ -46,9 +49,9 @@ class TracerTransport:
     def tangent(self, base: wp.array, x: wp.array, first: int, out: wp.array) -> None:
         """out[first:] = -div(m' V + m V') for (V, m) of the state `base` and (V', m') of x."""
         if not self._has_tangent:  # explicit steppers never compile it
-            self._launch.load(self._kernels.tangent)
+            self._launch.load(self._tangent)
             self._has_tangent = True
-        self(base, x, first, out, first, kernel=self._kernels.tangent)
+        self(base, x, first, out, first, kernel=self._tangent)
 
 
 class MixingRatio:
@@ -62,27 +65,25 @@ class MixingRatio:
     ) -> None:
         self._launch, self._offsets = launch, (depth, first, mesh.size)
         self._dim = (count, mesh.size)
-        self._kernels = pointwise_kernels(mesh.real)
         self.values = wp.zeros(count * mesh.size, dtype=mesh.real, device=mesh.device)
         """(count*N,)"""
-        kernels = self._kernels
-        launch.load(kernels.mixing_ratio, kernels.follow, kernels.correct)
+        self._ratio, self._follow, self._correct = launch.compile(
+            mesh.real, mixing_ratio, follow, correct
+        )
 
     def set(self, state: wp.array) -> None:
         """Take the mixing ratios of a state."""
-        self._launch(self._kernels.mixing_ratio, self._dim, state, *self._offsets, self.values)
+        self._launch(self._ratio, self._dim, state, *self._offsets, self.values)
 
     def follow(self, r: wp.array, x: wp.array) -> None:
         """x_hq = r_hq + q (x_h - r_h): what changed the depth changes the tracers with it."""
-        self._launch(self._kernels.follow, self._dim, r, x, self.values, *self._offsets)
+        self._launch(self._follow, self._dim, r, x, self.values, *self._offsets)
 
     def correct(
         self, flux: wp.array, air: wp.array, factor: float, r: wp.array, x: wp.array
     ) -> None:
         """x_hq = r_hq + factor flux + q (x_h - r_h - factor air)."""
-        self._launch(
-            self._kernels.correct, self._dim, self.values, flux, air, factor, *self._offsets, r, x
-        )
+        self._launch(self._correct, self._dim, self.values, flux, air, factor, *self._offsets, r, x)
 
 
 class Limiter:
@@ -99,15 +100,15 @@ class Limiter:
         self._mesh, self._launch, self._count = mesh, launch, lower.size
         self._offsets = (depth, first)
         self._bounds = (mesh.upload(lower), mesh.upload(upper))
-        self._inside = element_limiter(mesh.mesh.np, mesh.real, mesh.shape)
-        self._sums, self._parts = sphere_limiter(mesh.real, mesh.lanes)
-        limit_of = partial(limit_kernel, mesh.real)
-        self._limits = in_runs(launch, limit_of, mesh.lanes, 0, mesh.size)
-        self._geometry = mesh.geometry(self._inside.geometry)
-        self._local = mesh.scratch(self._count, self._inside.value)
+        types, run = mesh.types(), (mesh.real, mesh.lanes, 0, mesh.size)
+        self._inside, self._sums, self._parts = launch.compile(
+            types, limit_elements, sum_rooms, fill_rooms
+        )
+        self._limits = in_runs(launch, limit_sphere, *run)
+        self._geometry = mesh.geometry(types.geometry)
+        self._local = mesh.scratch(self._count, types.value)
         self._places = mesh.places(self._count)
-        adding = partial(blocks_kernel, mesh.real, True)
-        self._additions = in_runs(launch, adding, mesh.lanes, 0, mesh.size)
+        self._additions = in_runs(launch, blocks_kernel(True), *run)
         area = mesh.restrict(mesh.mesh.area)
         self._area = wp.array(area, dtype=wp.float64, device=mesh.device)
         chunks, count = mesh.chunks, self._count
@@ -117,7 +118,6 @@ class Limiter:
         if mesh.comm.shared:
             self._everything = wp.zeros((1, count), dtype=wp.vec3d, device=mesh.device)
         self._part = wp.zeros(self._count, dtype=wp.vec2d, device=mesh.device)
-        launch.load(self._inside.kernel, self._sums, self._parts)
         self._replay = Replay(launch)
 
     def __call__(self, state: wp.array) -> None:
@@ -130,7 +130,7 @@ class Limiter:
     def _limit(self, state: wp.array) -> None:
         mesh, size, (_, first) = self._mesh, self._mesh.size, self._offsets
         mesh.sweep(self._launch, self._local)(
-            self._inside.kernel, mesh.groups, self._geometry, state, *self._offsets, self._count,
+            self._inside, mesh.groups, self._geometry, state, *self._offsets, self._count,
             *self._bounds, self._local.values,
         )  # fmt: skip
         for add in self._additions:

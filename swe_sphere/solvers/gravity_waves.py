@@ -20,7 +20,7 @@ from swe_sphere.equations.spectrum import Spectrum, estimate_spectrum
 from swe_sphere.equations.tracer_equations import TracerEquations
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
-from swe_sphere.kernels.tracers import flux_kernel
+from swe_sphere.kernels.tracers import mass_flux
 from swe_sphere.operators import TendencyOperator
 from swe_sphere.operators.replay import recorded
 from swe_sphere.operators.tracers import TracerTransport
@@ -126,8 +126,7 @@ class TracerWaves:
         """rest: wind and depth without motion, the reference depth H [m]."""
         mesh, count, n = model.device_mesh, tracers.count, model.device_mesh.size
         self._rest, self._depth, self._first = rest, tracers.depth, tracers.first
-        self._launch, self._carry = model.launch, flux_kernel(mesh.real)
-        self._launch.load(self._carry)
+        self._launch, (self._carry,) = model.launch, model.launch.compile(mesh.real, mass_flux)
         self._flow = mesh.upload(np.zeros(2 * n))
         self._ratio = tracers.mixing_ratio()
         self._transport = TracerTransport(mesh, model.launch, count)

@@ -18,18 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels.simd.sums import (
-    SPAN,
-    combinations_kernel,
-    scaled_sum_kernel,
-    weighted_products_kernel,
-)
-from swe_sphere.kernels.vectors import (
-    axpby_kernel,
-    combine_rows_kernel,
-    least_kernel,
-    products_kernel,
-)
+from swe_sphere.kernels import specialise
+from swe_sphere.kernels.simd.sums import SPAN, combinations, scaled_sum, weighted_products
+from swe_sphere.kernels.vectors import axpby, combine_rows, least, products
 from swe_sphere.operators import DeviceMesh
 from swe_sphere.operators.chunks import equal_spans
 from swe_sphere.operators.launch import Launcher
@@ -176,8 +167,8 @@ class HostSpace(VectorSpace):
         self._arguments, self._listed = self._call.numpy(), np.empty(0, np.uint64)
         self._products, self._coefficients = np.empty(0), np.empty(0)
 
-    def _record(self, kernel: wp.Kernel, threads: int, inputs: list[Any]) -> Any:
-        Launcher("cpu", self._comm).load(kernel)
+    def _record(self, template: Any, threads: int, inputs: list[Any]) -> Any:
+        (kernel,) = Launcher("cpu", self._comm).compile(self.real, template)
         return wp.launch(kernel, threads, inputs, device="cpu", record_cmd=True)
 
     @functools.cached_property
@@ -185,7 +176,7 @@ class HostSpace(VectorSpace):
         """The command, and its two factors."""
         factors = wp.zeros(2, dtype=wp.float64, device="cpu")
         inputs = [self._call, factors, self.n]
-        command = self._record(scaled_sum_kernel(self.real), -(-self.n // SPAN), inputs)
+        command = self._record(scaled_sum, -(-self.n // SPAN), inputs)
         return command, factors.numpy()
 
     def view(self, x: wp.array) -> NDArray[Any]:
@@ -238,7 +229,7 @@ class HostSpace(VectorSpace):
         if len(arguments) > self._listed.size:
             call = wp.zeros(3 + 3 * max(len(calls), 8), dtype=wp.uint64, device="cpu")
             self._listed, inputs = call.numpy(), [call, self._weights, self._spans, self._size]
-            self._multiply = self._record(weighted_products_kernel(self.real), 1, inputs)
+            self._multiply = self._record(weighted_products, 1, inputs)
         self._listed[: len(arguments)] = arguments
         self._multiply.launch()
         return self._products[:count] if self._shared is None else self._shared.total(count)
@@ -254,7 +245,7 @@ class HostSpace(VectorSpace):
             coefficients = wp.zeros(1 + max(2 * c.size, 16), dtype=wp.float64, device="cpu")
             self._coefficients, inputs = coefficients.numpy(), [self._call, coefficients, self.n]
             threads = -(-self.n // SPAN)
-            self._add_up = self._record(combinations_kernel(self.real), threads, inputs)
+            self._add_up = self._record(combinations, threads, inputs)
         self._coefficients[0], self._coefficients[1 : 1 + c.size] = scale, c
         self._arguments[:4] = *map(self._address, (x, stack, out)), c.size
         self._add_up.launch()
@@ -264,9 +255,10 @@ class DeviceSpace(VectorSpace):
     """Vectors in the memory of a GPU, by Warp kernels, which run on "cpu" to be tested."""
 
     def _allocate(self) -> None:
-        self._blocks, real = self._spans.shape[1], self.real
-        self._combine, self._axpby = combine_rows_kernel(real), axpby_kernel(real)
-        self._sum, self._least = products_kernel(real), least_kernel(real)
+        self._blocks = self._spans.shape[1]
+        self._combine, self._axpby, self._sum, self._least = (
+            specialise(kernel, self.real) for kernel in (combine_rows, axpby, products, least)
+        )
         self._reserve(32)
 
     def _reserve(self, rows: int) -> None:

@@ -7,8 +7,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
-from swe_sphere.kernels import combine_kernel
-from swe_sphere.kernels.vectors import leapfrog_kernel
+from swe_sphere.kernels import combine_kernel, specialise
+from swe_sphere.kernels.vectors import leapfrog
 from swe_sphere.steppers.imex_runge_kutta import ARK2, ImexStepper
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.steppers.stability import Complex, largest_eigenvalue
@@ -46,7 +46,7 @@ class Leapfrog(Stepper):
         self.previous, self._slope, self._part = (model.zeros() for _ in range(3))
         self._starter = self._make_starter(model)
         real = model.device_mesh.real
-        self._kernel, self._add = leapfrog_kernel(real), combine_kernel(real, 1)
+        self._kernel, self._add = specialise(leapfrog, real), combine_kernel(real, 1)
         model.launch.load(self._kernel, self._add)
 
     def _make_starter(self, model: Model) -> Stepper:

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels.simd.stages import mix_kernel
+from swe_sphere.kernels import Register
+from swe_sphere.kernels.simd.stages import mix
 from swe_sphere.steppers.stability import (
     Complex,
     check_order,
@@ -44,8 +45,8 @@ class RungeKutta(Stepper):
         offsets = dt * np.array([0.0, *(sum(row) for row in self.a)])
         mesh, point, mixed, alone = model.device_mesh, self.state, model.zeros(), len(self.b) == 1
         lanes = mesh.lanes if model.size >= mesh.lanes else 1
-        self._mix, self._dim = mix_kernel(mesh.real, lanes), -(-model.size // lanes)
-        model.launch.load(self._mix)
+        (self._mix,) = model.launch.compile(Register(mesh.real, lanes), mix)
+        self._dim = -(-model.size // lanes)
         self._stages: list[tuple[Any, ...]] = []
         """Of each stage level = start + dt share K(point, offset): the terms of the sum of levels
         before it in `start`, `start`, the right-hand side, `point`, `offset` and `level`."""

@@ -7,13 +7,12 @@ the step is short enough for it, one stage of Euler's is half of that.
 """
 
 import math
-from functools import partial
 
 import warp as wp
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels.simd.stages import diffusive_stage_kernel
+from swe_sphere.kernels.simd.stages import diffusive_stage
 from swe_sphere.operators.launch import in_runs
 from swe_sphere.operators.replay import Replay
 
@@ -65,8 +64,8 @@ class Diffusion:
         self._first, self._rate, self._stage = (model.zeros() for _ in range(3))
         self._changes = model.zeros(), model.zeros()
         mesh = model.device_mesh
-        stage_of = partial(diffusive_stage_kernel, mesh.real)
-        self._combinations = in_runs(model.launch, stage_of, mesh.lanes, 0, model.size)
+        run = mesh.real, mesh.lanes, 0, model.size
+        self._combinations = in_runs(model.launch, diffusive_stage, *run)
         self._replay = Replay(model.launch)
 
     @property

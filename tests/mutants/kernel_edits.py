@@ -23,7 +23,7 @@ _CURL = "return d1 - d2"
 _DH = "r[2] = -weight * divergence(d1[1], d2[1])"
 _DIFFUSED_CURL = "zeta = mul(w, curl(d1[at_curl], d2[at_curl]))"
 _WEIGHT = "weight = geo.weight[n // np_, n % np_]\n        gu, gv"
-_TRACERS = "flux(geo.basis, e, n, mul(m, w[0]), mul(m, w[1]))"
+_TRACERS = "contravariant_flux(geo.basis, e, n, mul(m, w[0]), mul(m, w[1]))"
 _GATHER = "total += local.data[at.c[2] + offset] + local.data[at.c[3] + offset]"
 
 FORMULAS = tuple(
@@ -90,17 +90,17 @@ NODES = tuple(
         (
             "derivative of the wrong line",
             NODE,
-            "lines.across(room, geo.derivative, i, j)",
+            "across(room, geo.derivative, i, j)",
             OTHER_LINE,
         ),
-        ("transport of the wrong sign", TRANSPORT_NODE, "s1 = lines", ("=", "= -")),
+        ("transport of the wrong sign", TRANSPORT_NODE, "s1 = along", ("=", "= -")),
         (
             "transposed along the wrong line",
             DECAY_NODE,
-            "lines.across_transposed(room, geo.derivative, i, j)",
-            OTHER_LINE,
+            "t1, t2 = line_sums",
+            ("t1, t2", "t2, t1"),
         ),
-        ("weak derivative of the wrong sign", DECAY_NODE, "t1 = lines", ("=", "= -")),
+        ("weak derivative of the wrong sign", DECAY_NODE, "result(geo, t1, t2", ("t1", "-t1")),
     )
 )
 
@@ -123,7 +123,7 @@ KERNELS = (
         "bottom left out",
         "kernels/dynamics.py",
         UNSTEADY,
-        "return h + load(geo.bottom, 0, node)",
+        "return h + load_nodes(geo.bottom, 0, node)",
         "return h",
     ),
     Edit("viscosity + 1 %", "kernels/diffusion.py", DECAY, "geo.nu * x", "real(1.01) * geo.nu * x"),
@@ -138,8 +138,8 @@ KERNELS = (
         "hyperviscosity + 1 %",
         "kernels/diffusion.py",
         HYPER,
-        "geo.nu4 * load",
-        "real(1.01) * geo.nu4 * load",
+        "geo.nu4 * load_nodes",
+        "real(1.01) * geo.nu4 * load_nodes",
     ),
     Edit(
         "Coriolis force of the wrong sign",
@@ -215,8 +215,8 @@ KERNELS = (
         "leapfrog over 2.02 steps",
         "kernels/vectors.py",
         ("stepper-leapfrog",),
-        "two_dt * entry(tendency, i)",
-        "real(1.01) * two_dt * entry(tendency, i)",
+        "two_dt * load(tendency, i)",
+        "real(1.01) * two_dt * load(tendency, i)",
     ),
     Edit(
         "average vector field: a weight 1 % off",

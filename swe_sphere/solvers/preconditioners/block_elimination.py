@@ -10,7 +10,7 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
-from swe_sphere.kernels.vectors import nearness_kernel
+from swe_sphere.kernels.vectors import nearness
 from swe_sphere.operators.device_mesh import Field
 from swe_sphere.operators.replay import Replay
 from swe_sphere.operators.schur import SchurMatrix
@@ -40,11 +40,10 @@ class BlockElimination(KeptSetup):
         self.operator = schur_operator(model, model.coriolis, self.real, outer, damping)
         self.matrix = SchurMatrix(model.mesh, self.operator.gravity, model.coriolis)
         self._b, self._h = self.operator.field(), self.operator.field()
-        mesh, nearness = model.device_mesh, nearness_kernel(outer)
+        mesh, (compare,) = model.device_mesh, model.launch.compile(outer, nearness)
         self._space = VectorSpace(mesh.mesh.area, mesh=mesh)
         self._then, self._nearness = self._space.zeros(), self._space.zeros()
-        model.launch.load(nearness)
-        self._compare = partial(model.launch, nearness, mesh.size, DEPTH_CHANGE)
+        self._compare = partial(model.launch, compare, mesh.size, DEPTH_CHANGE)
 
     @abstractmethod
     def invert(self, tau: float, depth: Array) -> None:

@@ -12,7 +12,7 @@ import scipy
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.kernels.coarse import coarse_kernels
+from swe_sphere.kernels.coarse import assembled, transfer_kernels
 from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors
 from swe_sphere.operators.device_mesh import Field
 from swe_sphere.operators.lane_matrices import vector
@@ -52,9 +52,10 @@ class CoarsePart:
             self._away = {r: needed[self._owner[needed] == r] for r in sorted(others)}
         values = np.concatenate([space.values for space in spaces[:3]], axis=1)
         count, groups = self._numbers.shape[1], mesh.groups
-        self._kernels = coarse_kernels(mesh.mesh.np, count, mesh.real, mesh.shape)
-        launch.load(self._kernels.restrict, self._kernels.assembled, self._kernels.prolong)
-        few, many = self._kernels.shares
+        made = transfer_kernels(mesh.types(whole=False), count)
+        self._restrict, self._prolong, (few, many) = made
+        (self._assemble,) = launch.compile(mesh.real, assembled)
+        launch.load(self._restrict, self._prolong)
         self._dims = (groups, count // few), (groups, mesh.points // many)
         self._values = mesh.upload(values.T)
         self._mass = mesh.on_elements(mesh.mesh.quadrature * mesh.mesh.jacobian[self._here])
@@ -74,16 +75,16 @@ class CoarsePart:
 
     def restrict(self, b: Field, out: Field) -> None:
         """Integrals of b times each function [m2]."""
-        kernels, launch = self._kernels, self._launch
-        launch(kernels.restrict, self._dims[0], self._values, self._mass, b.values, self._local)
+        launch = self._launch
+        launch(self._restrict, self._dims[0], self._values, self._mass, b.values, self._local)
         self._mesh.exchange(self._integrals)
         size = self._contributors[0].size
-        launch(kernels.assembled, size, *self._contributors, self._integrals.flat, out.flat)
+        launch(self._assemble, size, *self._contributors, self._integrals.flat, out.flat)
 
     def prolong(self, coefficients: Field, x: Field) -> None:
         """Add the functions times their coefficients to x."""
         self._launch(
-            self._kernels.prolong, self._dims[1], self._values, self._of_elements,
+            self._prolong, self._dims[1], self._values, self._of_elements,
             coefficients.flat, x.values,
         )  # fmt: skip
 
