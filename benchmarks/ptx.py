@@ -19,7 +19,7 @@ import warp as wp
 from swe_sphere import Simulation
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.kernels import specialise
-from swe_sphere.kernels.simd.memory import packing_kernel
+from swe_sphere.kernels.simd.memory import pack, unpack
 from swe_sphere.kernels.vectors import axpby, combine_rows, least, products
 from swe_sphere.operators.device_mesh import REALS
 
@@ -62,8 +62,7 @@ def kernels_of(scene: str, stepper: str, precision: str, **options: Any) -> dict
 
 def vector_kernels() -> dict[str, wp.Kernel]:
     """The vector operations of the solvers."""
-    kernels = [axpby, combine_rows, products, least]
-    kernels += [packing_kernel(back, True) for back in (False, True)]
+    kernels = axpby, combine_rows, products, least, pack, unpack
     made = [specialise(kernel, real) for kernel in kernels for real in REALS.values()]
     return {kernel.module.name: kernel for kernel in made}
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import func, kernel, lanes, rows, vector
+from swe_sphere.kernels.define import func, kernel, lanes, real, rows, vector
 from swe_sphere.kernels.element import Finish
 from swe_sphere.kernels.formulas import single
 from swe_sphere.kernels.pointwise import Pointwise, pointwise_sum
@@ -62,30 +62,21 @@ def assembly_kernels(unknowns: int, point: Pointwise) -> tuple[Any, Any]:
     return assemble_pointwise, pointwise_alone
 
 
-@functools.cache
-def blocks_kernel(adds: bool) -> Any:
-    """Return the kernel that assembles `count` local fields into the blocks from `first` on.
+leave_one = leave_of(1)
 
-    If it `adds`, the result is added to the blocks.  It is for the nodes from `begin` on.
-    """
-    leave = leave_of(1)
 
-    @kernel
-    def assemble(
-        begin: int, places: Places, inverse_area: vector, stride: int, size: int, count: int,
-        first: int, local: vector, s: stage, out: vector,
-    ):  # fmt: skip
-        node = begin + lanes * wp.tid()
-        scale = load(inverse_area, node)
-        for k in range(count):
-            at = first + k * size + node
-            rate = single()
-            rate[0] = mul(scale, gather(local, places, node, k * stride))
-            if wp.static(adds):
-                rate[0] = rate[0] + load(out, at)
-            leave(s, at, 0, rate, out)
-
-    return assemble
+@kernel
+def assemble_blocks(
+    begin: int, places: Places, inverse_area: vector, stride: int, size: int, count: int,
+    first: int, local: vector, s: stage, out: vector,
+):  # fmt: skip
+    """Assemble `count` local fields into the blocks from `first` on; for nodes from `begin` on."""
+    node = begin + lanes * wp.tid()
+    scale = load(inverse_area, node)
+    for k in range(count):
+        rate = single()
+        rate[0] = mul(scale, gather(local, places, node, k * stride))
+        leave_one(s, first + k * size + node, 0, rate, out)
 
 
 def finish_rates(t: KernelTypes, fields: int) -> Finish:
@@ -107,3 +98,34 @@ def finish_rates(t: KernelTypes, fields: int) -> Finish:
         leave(geo.stage, node + k * geo.size, geo.size, rate, done)
 
     return finish
+
+
+@kernel
+def drift(
+    places: Places, inverse_area: vector, size: int, local: vector, tau: real, rate: vector,
+    s: vector, carries: int, kept: real, path: vector,
+):  # fmt: skip
+    """Step the depth of a state s (3N, ...) by the divergence that the elements left; over N nodes.
+
+    If `carries` is 1, path = kept path + tau V, with the path (2N,).
+    """
+    i = wp.tid()
+    k = 2 * size + i
+    s[k] += tau * (inverse_area[i] * gather(local, places, i, 0) + rate[k])
+    if carries == 1:
+        j = size + i
+        path[i] = kept * path[i] + tau * s[i]
+        path[j] = kept * path[j] + tau * s[j]
+
+
+@kernel
+def kick(
+    places: Places, inverse_area: vector, stride: int, size: int, local: vector, gravity: real,
+    tau: real, rate: vector, s: vector,
+):  # fmt: skip
+    """Step both winds by -gravity times the gradient that the elements left, likewise."""
+    i = wp.tid()
+    j = size + i
+    scale = -gravity * inverse_area[i]
+    s[i] += tau * (scale * gather(local, places, i, 0) + rate[i])
+    s[j] += tau * (scale * gather(local, places, i, stride) + rate[j])

@@ -7,14 +7,13 @@ import warp as wp
 
 from swe_sphere.kernels.define import index, kernel, real, specialise, value, vector
 from swe_sphere.kernels.simd.arithmetic import (
-    Numbers,
     columns_products,
     entries_sum,
     functions_sum,
     mul,
     rows_product,
 )  # fmt: skip
-from swe_sphere.kernels.simd.memory import Places, gather, load_nodes
+from swe_sphere.kernels.simd.memory import Numbers, Places, gather, load_nodes
 from swe_sphere.kernels.terms import KernelTypes, local
 
 matrix, each = wp.array2d(dtype=real), wp.array2d(dtype=value)

@@ -24,21 +24,20 @@ def transport(tangent: bool = False) -> Formula:
 
     The tangent is -div(m' V + m V'), with (V, m) of the state a and (V', m') of x.
     """
-    winds, wind = winds_at(own=tangent, base=True)
+    (winds, wind), first = winds_at(own=tangent, base=True), 2 * tangent
 
     @func
     def slopes(geo: geometry, w: winds, a: vector, x: vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
         m = load_nodes(x, at, node)
+        fu = mul(m, w[first])
+        fv = mul(m, w[first + 1])
         if wp.static(tangent):
             mb = load_nodes(a, at, node)
-            fu = mul(mb, w[0]) + mul(m, w[2])
-            fv = mul(mb, w[1]) + mul(m, w[3])
-            f1, f2 = contravariant_flux(geo.basis, e, n, fu, fv)
-            return row(f1), row(f2)
-        else:
-            f1, f2 = contravariant_flux(geo.basis, e, n, mul(m, w[0]), mul(m, w[1]))
-            return row(f1), row(f2)
+            fu = mul(mb, w[0]) + fu
+            fv = mul(mb, w[1]) + fv
+        f1, f2 = contravariant_flux(geo.basis, e, n, fu, fv)
+        return row(f1), row(f2)
 
     @func
     def result(geo: geometry, w: winds, d1: single, d2: single, e: int, n: int):
@@ -71,16 +70,17 @@ def state(terms: Terms) -> Formula:
     """Return the formula of -zeta k x V - grad B and -div(h V), with B = |V|²/2 + g (h + b)."""
     winds, wind = winds_at(own=True, base=False)
     kind, parts, rates = _equations(terms, curls=1)
-    bernoulli, surface, last = bernoulli_of(terms), surface_height(terms), 2 - terms.momentum
+    surface, last = surface_height(terms), 2 - terms.momentum
 
     @func
     def slopes(geo: geometry, w: winds, a: vector, x: vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
         h = load_nodes(x, 2 * geo.size, node)
-        kinetic = value(real(0.0))
+        head = value(real(0.0))
         if wp.static(terms.advection):
-            kinetic = real(0.5) * dot(w[0], w[1], w[0], w[1])
-        head = bernoulli(geo, kinetic, surface(geo, node, h))
+            head = real(0.5) * dot(w[0], w[1], w[0], w[1])
+        if wp.static(terms.pressure):
+            head += geo.gravity * surface(geo, node, h)
         return parts(geo, e, n, head, mul(h, w[0]), mul(h, w[1]), w[0], w[1])
 
     @func
@@ -98,17 +98,18 @@ def tangent(terms: Terms) -> Formula:
     """Return the formula of the derivative of `state` at the state a along x."""
     winds, wind = winds_at(own=True, base=True)
     kind, parts, rates = _equations(terms, curls=2)
-    bernoulli, last = bernoulli_of(terms), 2 - terms.momentum
+    last = 2 - terms.momentum
 
     @func
     def slopes(geo: geometry, w: winds, a: vector, x: vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
         h = load_nodes(x, 2 * geo.size, node)
         hb = load_nodes(a, 2 * geo.size, node)
-        kinetic = value(real(0.0))
+        head = value(real(0.0))
         if wp.static(terms.advection):
-            kinetic = dot(w[2], w[3], w[0], w[1])
-        head = bernoulli(geo, kinetic, h)
+            head = dot(w[2], w[3], w[0], w[1])
+        if wp.static(terms.pressure):
+            head += geo.gravity * h
         fu = mul(hb, w[0]) + mul(h, w[2])
         fv = mul(hb, w[1]) + mul(h, w[3])
         r1, r2 = parts(geo, e, n, head, fu, fv, w[0], w[1])
@@ -199,19 +200,6 @@ def _equations(terms: Terms, curls: int) -> tuple[Any, Any, Any]:
         return r
 
     return kind, parts, rates
-
-
-def bernoulli_of(terms: Terms) -> Any:
-    """Return the function (geometry, kinetic, h): kinetic energy + g h, with a pressure term."""
-
-    @func
-    def bernoulli(geo: geometry, kinetic: value, h: value):
-        r = kinetic
-        if wp.static(terms.pressure):
-            r += geo.gravity * h
-        return r
-
-    return bernoulli
 
 
 def surface_height(terms: Terms) -> Any:

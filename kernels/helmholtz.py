@@ -8,58 +8,33 @@ whole SIMD registers.  What an element leaves for DSS has the same shape, and DS
 is read next: to the own contribution come those of `others` (groups, np*np, 3), one on an edge of
 the element and three at a corner.  One that is not there stands in the last group, which is zero.
 
-The kernels are for `field_types`.  They run over (groups, np*np / `share`) threads, those on states
-over N nodes.
+The kernels are for elements with `Terms.waves`.  They run over (groups, np*np / `share`) threads,
+those on states over N nodes.
 """
 
 from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import Name, Register, func, kernel, real, struct_of, value, vector
+from swe_sphere.kernels.define import Name, func, kernel, real, value, vector
 from swe_sphere.kernels.metric import divergence as div
 from swe_sphere.kernels.metric import dot
 from swe_sphere.kernels.metric import gradient as grad
-from swe_sphere.kernels.simd.arithmetic import Numbers, mul
+from swe_sphere.kernels.simd.arithmetic import mul
 from swe_sphere.kernels.simd.memory import (
+    Numbers,
     Places,
     address,
     gather_one,
-    load,
     load_given,
     load_nodes,
     nodes,
-    put,
-)  # fmt: skip
-from swe_sphere.kernels.terms import KernelTypes, across, along, given, local, np_, share, state
+)
+from swe_sphere.kernels.terms import across, along, geometry, given, local, np_, share, state
 
 together: Any = Name(lambda t: t.shape == "element", of_elements=True)
 """True where fluxes stand in one row of f1 and f2, in the nearest cache.  A thread then takes their
 divergence too; otherwise `divergence` does."""
-load_one: Any = Name(lambda t: load.find(Register(t.real)), of_elements=True)
-load_state: Any = Name(lambda t: load.find(Register(t.given)), of_elements=True)
-put_state: Any = Name(lambda t: put.find(Register(t.given)), of_elements=True)
-load_number: Any = load.find(Register(wp.int32))
-"""A number of a field, a state or an array of places."""
-
-
-def _geometry(t: KernelTypes) -> Any:
-    value, index = t.value, t.register.index
-    members = {
-        "nodes": wp.array2d(dtype=index),
-        "others": wp.array3d(dtype=index),
-        "basis": wp.array3d(dtype=value),
-        "derivative": wp.array2d(dtype=t.real),
-        "weight": wp.array2d(dtype=t.real),
-        "per_area": wp.array2d(dtype=value),
-        "fluxes": wp.array3d(dtype=value),
-        "per_diagonal": wp.array2d(dtype=value),
-        "size": wp.int32,
-    }
-    return struct_of("Geometry", members)
-
-
-geometry: Any = Name(_geometry, of_elements=True)
 
 
 @func
@@ -176,14 +151,14 @@ def substituted(
 ):  # fmt: skip
     """Leave the wind that follows from the depth, and the depth."""
     node = wp.tid()
-    scale = tau_g * load_one(inverse_area, node)
-    u = real(load_state(r, node)) - scale * gather_one(east, places, node, 0)
-    v = real(load_state(r, size + node)) - scale * gather_one(north, places, node, 0)
-    s = load_one(same, node)
-    c = load_one(cross, node)
-    put_state(out, node, given(s * u + c * v))
-    put_state(out, size + node, given(s * v - c * u))
-    put_state(out, 2 * size + node, given(load_one(h, load_number(of_own, node))))
+    scale = tau_g * inverse_area[node]
+    u = real(r[node]) - scale * gather_one(east, places, node, 0)
+    v = real(r[size + node]) - scale * gather_one(north, places, node, 0)
+    s = same[node]
+    c = cross[node]
+    out[node] = given(s * u + c * v)
+    out[size + node] = given(s * v - c * u)
+    out[2 * size + node] = given(h[of_own[node]])
 
 
 @kernel

@@ -31,6 +31,7 @@ class Terms:
     `tangent`: the exact derivative of all of these at the state `base`, applied to a direction.
     `momentum`: the momentum equation alone, with two fields as its result.
     `jumps`: the penalty on jumps at edges of elements, which has kernels of its own.
+    `waves`: block elimination (`helmholtz.py`), likewise.
     """
 
     advection: bool = False
@@ -44,6 +45,7 @@ class Terms:
     poisson: bool = False
     momentum: bool = False
     jumps: bool = False
+    waves: bool = False
 
     @property
     def unknowns(self) -> int:
@@ -124,7 +126,10 @@ class KernelTypes:
             "nu": (terms.diffusion, real),
             "nu4": (terms.biharmonic, real),
             "laplacian": (terms.biharmonic, on_nodes),
-            "fluxes": (terms.diffuses and is_node, wp.array3d(dtype=value)),
+            "fluxes": ((terms.diffuses and is_node) or terms.waves, wp.array3d(dtype=value)),
+            "others": (terms.waves, wp.array3d(dtype=self.register.index)),
+            "per_area": (terms.waves, wp.array2d(dtype=value)),
+            "per_diagonal": (terms.waves, wp.array2d(dtype=value)),
             "work": (not is_node, wp.uint64),
             "whole": (direct, wp.int32),
             "inverse_area": (direct, on_nodes),

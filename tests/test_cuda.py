@@ -22,6 +22,7 @@ from swe_sphere.equations.effects import (
 from swe_sphere.equations.model import Model
 from swe_sphere.kernels import (
     Terms,
+    assembly,
     coarse,
     combine_kernel,
     damping,
@@ -31,12 +32,13 @@ from swe_sphere.kernels import (
     tendency_kernels,
     tracers,
 )
-from swe_sphere.kernels.assembly import assembly_kernels, blocks_kernel
+from swe_sphere.kernels.assembly import assembly_kernels
 from swe_sphere.kernels.define import Template
 from swe_sphere.kernels.dynamics import gradient, transport
 from swe_sphere.kernels.forward_backward import combine_levels_kernel, run_kernels
 from swe_sphere.kernels.local import field_kernel
 from swe_sphere.kernels.pointwise import NO_POINTWISE, PointTerm, Pointwise
+from swe_sphere.kernels.simd import memory
 from swe_sphere.kernels.terms import KernelTypes
 from swe_sphere.kernels.vectors import leapfrog
 from swe_sphere.mesh import Mesh
@@ -72,7 +74,7 @@ def kernels(real: type) -> list[wp.Kernel]:
     outer, inner = (KernelTypes(4, kind, "node", given=real) for kind in (real, wp.float32))
     restrict, prolong, _ = coarse.transfer_kernels(inner, 16)
 
-    def assembly(unknowns: int, point: Pointwise) -> wp.Kernel:
+    def assembled(unknowns: int, point: Pointwise) -> wp.Kernel:
         return specialise(assembly_kernels(unknowns, point)[0], real)
 
     def kernels_of(module, types: KernelTypes = inner) -> list[wp.Kernel]:
@@ -82,22 +84,25 @@ def kernels(real: type) -> list[wp.Kernel]:
 
     return [
         *(kernel for types in nodes for kernel in tendency_kernels(types)),
-        assembly(3, Pointwise(rotation=True)),
-        assembly(1, NO_POINTWISE),
+        assembled(3, Pointwise(rotation=True)),
+        assembled(1, NO_POINTWISE),
         *(specialise(it, real) for it in run_kernels(3, Pointwise(True, True, terms()), True)[:2]),
         specialise(combine_levels_kernel(True), real),
-        assembly(3, Pointwise(True, True, terms())),
-        assembly(3, Pointwise(True, False, terms(True), True)),
+        assembled(3, Pointwise(True, True, terms())),
+        assembled(3, Pointwise(True, False, terms(True), True)),
         specialise(assembly_kernels(3, Pointwise(terms=terms()))[1], real),
-        assembly(1, Pointwise(forcing=True, terms=terms()[1:])),
+        assembled(1, Pointwise(forcing=True, terms=terms()[1:])),
         combine_kernel(real, 4),
         specialise(leapfrog, real),
         restrict,
         prolong,
         *(kernel for module in (helmholtz, coarse, damping) for kernel in kernels_of(module)),
         *(field_kernel(outer, formula) for formula in (gradient, transport(), transport(True))),
-        *(specialise(blocks_kernel(adds), real) for adds in (False, True)),
-        *(kernel for module in (tracers, limiter) for kernel in kernels_of(module, outer)),
+        *(
+            kernel
+            for module in (tracers, limiter, assembly, memory)
+            for kernel in kernels_of(module, outer)
+        ),
     ]
 
 

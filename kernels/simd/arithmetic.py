@@ -6,8 +6,7 @@ from typing import Any
 import warp as wp
 
 from swe_sphere.kernels.define import Name, Register, real, value, vector
-
-Numbers = wp.array(dtype=wp.int32)
+from swe_sphere.kernels.simd.memory import Numbers
 
 
 @Register.func_native("""

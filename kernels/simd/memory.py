@@ -16,6 +16,7 @@ CONTRIBUTORS = 4
 Contributors = wp.types.vector(CONTRIBUTORS, wp.int32)
 """Places of a node's first field in the local tendencies, -1 for a contributor that it lacks."""
 Places = wp.array(dtype=Contributors)
+Numbers = wp.array(dtype=wp.int32)
 nodes = wp.array2d(dtype=index)
 """Numbers of the nodes of each element (groups, np*np)."""
 
@@ -25,32 +26,30 @@ def load(x: vector, i: int) -> value:
     """Return the register that begins at x[i] of a contiguous array, i not negative."""
 
 
+number: Any = load.find(Register(wp.int32))
+
+
 @Register.func_native("*reinterpret_cast<value*>(x.data + i) = v;")
 def put(x: vector, i: int, v: value):
     """x[i] = v, or a register from there on."""
 
 
-@functools.cache
-def packing_kernel(back: bool, in_threads: bool) -> Any:
-    """Return the kernel (x, places (n,), packed (n,)): packed = x[places], or `back` the reverse.
+@kernel
+def pack(x: vector, places: Numbers, packed: vector, threads: int):
+    """packed = x[places], all (n,).
 
     Of n threads, for a GPU, or of one, for a CPU: there a thread for each number takes longer than
     to bring it.
     """
-    numbers = wp.array(dtype=wp.int32)
-    to, of = "packed.data[i]", "x.data[places.data[i]]"
-    bring_it = f"{of} = {to};" if back else f"{to} = {of};"
+    for i in range(wp.tid(), places.shape[0], threads):
+        put(packed, i, load(x, number(places, i)))
 
-    @Register.func_native(
-        bring_it if in_threads else f"for (; i < places.shape[0]; ++i) {bring_it}"
-    )
-    def bring(i: int, x: vector, places: numbers, packed: vector): ...
 
-    @kernel
-    def pack(x: vector, places: numbers, packed: vector):
-        bring(wp.tid(), x, places, packed)
-
-    return pack
+@kernel
+def unpack(x: vector, places: Numbers, packed: vector, threads: int):
+    """x[places] = packed, likewise."""
+    for i in range(wp.tid(), places.shape[0], threads):
+        put(x, number(places, i), load(packed, i))
 
 
 @Register.func_native("return wp::uint64(x.data + i);")

@@ -3,8 +3,8 @@
 import warp as wp
 
 from swe_sphere.equations.model import Model
+from swe_sphere.kernels.assembly import drift, kick
 from swe_sphere.kernels.dynamics import gradient, transport
-from swe_sphere.kernels.fast_waves import drift, kick
 from swe_sphere.kernels.local import field_kernel
 from swe_sphere.kernels.vectors import combine_kernel
 

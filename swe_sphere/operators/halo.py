@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.kernels.simd.memory import packing_kernel
+from swe_sphere.kernels.simd.memory import pack, unpack
 from swe_sphere.operators.launch import REMEMBERED, Launcher
 from swe_sphere.operators.replay import between
 from swe_sphere.ranks.communicator import Communicator
@@ -26,14 +26,13 @@ class Buffer:
     def __init__(self, comm: Communicator, array: wp.array, positions: Positions) -> None:
         device, on_cpu = str(array.device), array.device.is_cpu
         places = np.concatenate([*(p.ravel() for p in positions.values()), np.zeros(0, int)])
-        pack, unpack = (packing_kernel(back, not on_cpu) for back in (False, True))
         kernels = Launcher(device, comm).compile(array.dtype, pack, unpack)
         self._there = wp.empty(places.size, dtype=array.dtype, device=device)
         self._here = self._there
         if not comm.reaches(device):
             self._here = wp.empty(places.size, dtype=array.dtype, device="cpu", pinned=not on_cpu)
         threads = 1 if on_cpu else places.size
-        arguments = [array, wp.array(places, dtype=wp.int32, device=device), self._there]
+        arguments = [array, wp.array(places, dtype=wp.int32, device=device), self._there, threads]
         self._pack, self._unpack = (
             wp.launch(kernel, threads, arguments, device=device, record_cmd=True)
             for kernel in kernels

@@ -7,9 +7,9 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.kernels import Terms
-from swe_sphere.kernels.assembly import blocks_kernel
+from swe_sphere.kernels.assembly import assemble_blocks
+from swe_sphere.kernels.diffusion import derivatives, weak_form
 from swe_sphere.kernels.local import field_kernel
-from swe_sphere.kernels.penalty import derivatives, weak_form
 from swe_sphere.kernels.simd.stages import stage_struct
 from swe_sphere.operators.device_mesh import DeviceMesh, Field
 from swe_sphere.operators.diagnose import assemble
@@ -19,7 +19,7 @@ from swe_sphere.operators.launch import Launcher, in_runs
 class EdgePenaltyOperator:
     """Adds the penalty of the wind of a state to a rate of change.
 
-    The coefficient gamma of an element is `strength` (E,) [m2 s-1], see `kernels/penalty.py`.
+    The coefficient gamma of an element is `strength` (E,) [m2 s-1], see `kernels/diffusion.py`.
     """
 
     def __init__(self, mesh: DeviceMesh, launch: Launcher, strength: Array) -> None:
@@ -45,7 +45,7 @@ class EdgePenaltyOperator:
         transposed = mesh.upload(np.ascontiguousarray(mesh.mesh.derivative.T))
         self._geometry = mesh.geometry(types.geometry, given)
         self._transposed = mesh.geometry(types.geometry, given | {"derivative": transposed})
-        self._sums = in_runs(launch, blocks_kernel(False), mesh.real, mesh.lanes, 0, mesh.size)
+        self._sums = in_runs(launch, assemble_blocks, mesh.real, mesh.lanes, 0, mesh.size)
 
     def __call__(self, x: wp.array, factor: float, out: wp.array) -> None:
         """Add `factor` times the penalty of the wind of x to the wind of `out`."""

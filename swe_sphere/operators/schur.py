@@ -21,7 +21,7 @@ import scipy
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.kernels import helmholtz, specialise
+from swe_sphere.kernels import Terms, helmholtz, specialise
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import sparse
 from swe_sphere.operators.damping import Damping, Rate
@@ -45,7 +45,7 @@ class SchurOperator:
     ) -> None:  # fmt: skip
         self.mesh, self.launch, self.gravity, self.coriolis = mesh, launch, gravity, coriolis
         self.size, self.tau = mesh.size, 0.0
-        types = mesh.types(given=given, whole=False)
+        types = mesh.types(terms=Terms(waves=True), given=given, whole=False)
         self._value, self._together = types.value, specialise(helmholtz.together, types)
         self._nodes = mesh.mesh.nodes[mesh.part.elements]
         """(e, np, np) number in the whole mesh of each element node."""
@@ -59,7 +59,7 @@ class SchurOperator:
         }
         per_area = mesh.on_elements(1.0 / mesh.mesh.area[self._nodes])
         given_arrays = self._configured | {"per_area": per_area, "others": mesh.others}
-        self._geometry = mesh.geometry(specialise(helmholtz.geometry, types), given_arrays)
+        self._geometry = mesh.geometry(types.geometry, given_arrays)
         passages = helmholtz.spread, helmholtz.collect
         self._passages = functools.cache(
             lambda given: launch.compile(mesh.types(given=given, whole=False), *passages)

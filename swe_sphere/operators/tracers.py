@@ -5,10 +5,11 @@ from typing import Any
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.kernels.assembly import blocks_kernel
+from swe_sphere.kernels.assembly import assemble_blocks
 from swe_sphere.kernels.dynamics import transport
 from swe_sphere.kernels.limiter import fill_rooms, limit_elements, limit_sphere, sum_rooms
 from swe_sphere.kernels.local import field_kernel
+from swe_sphere.kernels.simd.stages import stage_struct
 from swe_sphere.kernels.tracers import correct, follow, mixing_ratio
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher, in_runs
@@ -24,7 +25,7 @@ class TracerTransport:
         self._kernel, self._tangent = (
             field_kernel(types, transport(tangent)) for tangent in (False, True)
         )
-        self._sums = in_runs(launch, blocks_kernel(False), mesh.real, mesh.lanes, 0, mesh.size)
+        self._sums = in_runs(launch, assemble_blocks, mesh.real, mesh.lanes, 0, mesh.size)
         self._geometry = mesh.geometry(types.geometry)
         self._local, self._places = mesh.scratch(count, types.value), mesh.places(count)
         launch.load(self._kernel)
@@ -108,7 +109,9 @@ class Limiter:
         self._geometry = mesh.geometry(types.geometry)
         self._local = mesh.scratch(self._count, types.value)
         self._places = mesh.places(self._count)
-        self._additions = in_runs(launch, blocks_kernel(True), *run)
+        self._additions = in_runs(launch, assemble_blocks, *run)
+        self._added: dict[int, Any] = {}
+        """Stages that add to a state, by its address."""
         area = mesh.restrict(mesh.mesh.area)
         self._area = wp.array(area, dtype=wp.float64, device=mesh.device)
         chunks, count = mesh.chunks, self._count
@@ -133,10 +136,12 @@ class Limiter:
             self._inside, mesh.groups, self._geometry, state, *self._offsets, self._count,
             *self._bounds, self._local.values,
         )  # fmt: skip
+        added = self._added.setdefault(state.ptr, stage_struct(mesh.real)())
+        added.on, added.start, added.tau = True, state, 1.0
         for add in self._additions:
             add(
                 self._places, mesh.inverse_area, mesh.lanes, size, self._count, first,
-                self._local.flat, mesh.stage, state,
+                self._local.flat, added, state,
             )  # fmt: skip
         self._limit_sphere(state)
 

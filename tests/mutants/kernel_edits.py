@@ -23,7 +23,7 @@ _CURL = "return d1 - d2"
 _DH = "r[2] = -weight * divergence(d1[1], d2[1])"
 _DIFFUSED_CURL = "zeta = mul(w, curl(d1[at_curl], d2[at_curl]))"
 _WEIGHT = "weight = geo.weight[n // np_, n % np_]\n        gu, gv"
-_TRACERS = "contravariant_flux(geo.basis, e, n, mul(m, w[0]), mul(m, w[1]))"
+_TRACERS = "fv = mul(m, w[first + 1])"
 _GATHER = "total += local.data[at.c[2] + offset] + local.data[at.c[3] + offset]"
 
 FORMULAS = tuple(
@@ -116,8 +116,8 @@ KERNELS = (
         "pressure + 0.1 %",
         "kernels/dynamics.py",
         STEADY,
-        "geo.gravity * h",
-        "real(1.001) * geo.gravity * h",
+        "geo.gravity * surface(geo, node, h)",
+        "real(1.001) * geo.gravity * surface(geo, node, h)",
     ),
     Edit(
         "bottom left out",
@@ -188,7 +188,7 @@ KERNELS = (
         "kernels/dynamics.py",
         ("deformational-np",),
         _TRACERS,
-        _TRACERS.replace("w[1]", "w[0]"),
+        _TRACERS.replace(" + 1", ""),
     ),
     Edit(
         "limiter forgets the masses of nodes",
