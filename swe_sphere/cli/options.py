@@ -8,7 +8,6 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 import typer
 from pydantic import BaseModel
 
-from swe_sphere.errors import ConfigError
 from swe_sphere.settings.values import flag_of
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -46,12 +45,6 @@ def option(metavar: str, text: str, default: Any = None) -> Any:
 def flag(name: str, text: str) -> Any:
     """Return a switch of a command that is off by default."""
     return typer.Option(False, f"--{name}", help=text)
-
-
-def check_resumed(resume: bool, out: Path | None) -> None:
-    """ConfigError where there is nothing to go on from."""
-    if resume and out is None:
-        raise ConfigError("resume: say what to go on with (--out), or leave it out")
 
 
 def with_flags(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import typer
 
-from swe_sphere.cli.options import AsJson, Jobs, check_resumed, flag, given, option, with_flags
+from swe_sphere.cli.options import AsJson, Jobs, flag, given, option, with_flags
 from swe_sphere.cli.show import print_table, show_line
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import clear_errors, write_whole
@@ -91,7 +91,8 @@ def _run(
     from swe_sphere.studies.record_store import Store
 
     checked_jobs(jobs)
-    check_resumed(resume, out)
+    if resume and out is None:
+        raise ConfigError("resume: say what to go on with (--out), or leave it out")
     file = None if out is None else _page_file(out, folder)
     store = None if file is None else Store(file.with_suffix(".runs"), Measure)
     known = store.records if store and resume else ()

@@ -117,17 +117,12 @@ def _locked(place: Path, flags: int, path: Path) -> int:
     return file
 
 
-def put_in_place(file: int, path: Path) -> None:
-    """Sync what was built at `part_of(path)`, open as `file`, and move it to the path."""
-    os.fsync(file)
-    take_place(path)
-
-
 def take_place(path: Path) -> None:
-    """Move what was built at `part_of(path)` to the path.
+    """Write what was built at `part_of(path)` through to the disk, and move it to the path.
 
     A folder cannot take the place of another one at once: the old one has another name in between.
     """
+    sync(part_of(path))
     if path.is_dir():
         remove(_old(path))  # a killed program left it, and there is a newer one
         path.replace(_old(path))

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.durable import part_of, put_in_place
+from swe_sphere.files.durable import part_of, take_place
 from swe_sphere.io.runfile import reading
 
 HEADER = "header"
@@ -57,8 +57,7 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     try:
         with part.open("wb") as file:
             np.savez(file, **arrays)
-            file.flush()
-            put_in_place(file.fileno(), path)
+        take_place(path)
     except OSError:
         part.unlink(missing_ok=True)
         raise

@@ -22,7 +22,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from swe_sphere.errors import RunFailed
-from swe_sphere.files.durable import allocate, claim, part_of, put_in_place, remove
+from swe_sphere.files.durable import allocate, claim, part_of, remove, take_place
 from swe_sphere.io.layout import SERIES, SUMMARY_BYTES
 
 RECORDS_AT = 4
@@ -45,7 +45,7 @@ class Growing:
     def put_in_place(self) -> None:
         """Give the file its name, unless it has it already."""
         if not self._in_place:
-            put_in_place(self._descriptor, self._place)
+            take_place(self._place)
             self._in_place = True
 
     def check(self, path: Path) -> None:
