@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import functools
 
 import numpy as np
 import scipy
@@ -35,17 +35,18 @@ class Interpolator:
         if not (np.isfinite(lon).all() and (np.abs(lat) <= 0.5 * np.pi + 1e-12).all()):
             raise ConfigError("interpolation points need finite coordinates, |latitude| <= pi/2")
         self.mesh, self._lon, self._lat = mesh, lon, lat
-        self._kept: list[scipy.sparse.csr_array] = []
+        self._starts = range(0, max(lon.size, 1), TILE)
+        keeps = lon.size * mesh.np**2 <= MOST_ENTRIES
+        self._tile = functools.cache(self._build_tile) if keeps else self._build_tile
 
     @property
     def matrix(self) -> scipy.sparse.csr_array:
         """CSR matrix (points, N) with np^2 entries a row."""
-        tiles = [*self._tiles()]
-        return tiles[0] if len(tiles) == 1 else scipy.sparse.vstack(tiles, format="csr")
+        return scipy.sparse.vstack([*map(self._tile, self._starts)], format="csr")
 
     def __call__(self, field: Array) -> Array:
         """Return nodal scalar fields (N, ...) at the points, in the shape of lon and lat."""
-        values = np.concatenate([tile @ field for tile in self._tiles()])
+        values = np.concatenate([self._tile(start) @ field for start in self._starts])
         return values.reshape(self._lon.shape + field.shape[1:])
 
     def wind(self, u: Array, v: Array) -> tuple[Array, Array]:
@@ -57,22 +58,13 @@ class Interpolator:
         east, north = frame(self._lon, self._lat)
         return np.sum(values * east, axis=-1), np.sum(values * north, axis=-1)
 
-    def _tiles(self) -> Iterator[scipy.sparse.csr_array]:
-        """Yield the rows of the matrix, of a tile of points at a time."""
-        if self._kept:
-            yield from self._kept
-            return
-        mesh, built = self.mesh, []
-        keeps = self._lon.size * mesh.np**2 <= MOST_ENTRIES
-        for start in range(0, max(self._lon.size, 1), TILE):
-            lon, lat = (x.ravel()[start : start + TILE] for x in (self._lon, self._lat))
-            xyz = mesh.placement.lift(position(lon, lat))
-            element, xi1, xi2 = cubed_sphere.locate(xyz, mesh.ne)
-            first, second = lagrange(mesh.gll_points, xi1), lagrange(mesh.gll_points, xi2)
-            values = first[:, :, None] * second[:, None, :]
-            starts = np.arange(lon.size + 1) * mesh.np**2
-            entries = (values.ravel(), mesh.nodes[element].ravel(), starts)
-            tile = scipy.sparse.csr_array(entries, shape=(lon.size, mesh.size))
-            built += [tile] if keeps else []
-            yield tile
-        self._kept = built
+    def _build_tile(self, start: int) -> scipy.sparse.csr_array:
+        """Return the rows of the matrix for a tile of points, the first of which is `start`."""
+        mesh = self.mesh
+        lon, lat = (x.ravel()[start : start + TILE] for x in (self._lon, self._lat))
+        element, xi1, xi2 = cubed_sphere.locate(mesh.placement.lift(position(lon, lat)), mesh.ne)
+        first, second = lagrange(mesh.gll_points, xi1), lagrange(mesh.gll_points, xi2)
+        values = first[:, :, None] * second[:, None, :]
+        starts = np.arange(lon.size + 1) * mesh.np**2
+        entries = (values.ravel(), mesh.nodes[element].ravel(), starts)
+        return scipy.sparse.csr_array(entries, shape=(lon.size, mesh.size))
