@@ -13,7 +13,7 @@ from swe_sphere.equations.scene import Array, Scene, UnsteadyState
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases.flows import ZonalJet, recommended, solid_body, tilted_latitude, wrapped
-from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
+from swe_sphere.testcases.harmonics import BalancedFlow, random_streamfunction
 
 SOUTH_POLE_DEPTH = 10158.18617045462
 """Depth at the south pole [m] for which the mean depth without the perturbation is 10 km."""

@@ -124,31 +124,22 @@ def _rolled_front(point: Array, centre: Array, t: float) -> Array:
     return front
 
 
-def _swing(t: float) -> float:
-    """The speed unit of the deformation [m s-1], which turns round at half time."""
-    return float(5.0 * EARTH.radius / PERIOD * np.cos(np.pi * t / PERIOD))
+def _cells(strength: float, north: float, k: float, power: int) -> Wind:
+    """Return a deformation, which turns round at half time: with the speed s = 5 a cos(π t/T) / T,
 
+    u = strength s sin² kλ sin 2θ cos^power θ,  v = north strength s sin 2kλ cos^(power + 1) θ.
+    """
 
-def _one_cell(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
-    speed = 2.4 * _swing(t)
-    east = speed * np.sin(0.5 * lon) ** 2 * np.sin(2.0 * lat)
-    return east, 0.5 * speed * np.sin(lon) * np.cos(lat)
+    def wind(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
+        speed = strength * float(5.0 * EARTH.radius / PERIOD * np.cos(np.pi * t / PERIOD))
+        east = speed * np.sin(k * lon) ** 2 * np.sin(2.0 * lat) * np.cos(lat) ** power
+        return east, north * speed * np.sin(2.0 * k * lon) * np.cos(lat) ** (power + 1)
 
-
-def _two_cells(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
-    speed = 2.0 * _swing(t)
-    east = speed * np.sin(lon) ** 2 * np.sin(2.0 * lat)
-    return east, speed * np.sin(2.0 * lon) * np.cos(lat)
-
-
-def _divergent(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
-    speed = _swing(t)
-    east = -speed * np.sin(0.5 * lon) ** 2 * np.sin(2.0 * lat) * np.cos(lat) ** 2
-    return east, 0.5 * speed * np.sin(lon) * np.cos(lat) ** 3
+    return wind
 
 
 def _two_cells_turning(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
-    east, north = _two_cells(lon - TURN * t, lat, t)
+    east, north = _CASES[2][0](lon - TURN * t, lat, t)
     return east + EARTH.radius * TURN * np.cos(lat), north
 
 
@@ -156,9 +147,9 @@ Centres = tuple[tuple[float, float], tuple[float, float]]
 
 _NEAR = ((5.0 * np.pi / 6.0, 0.0), (7.0 * np.pi / 6.0, 0.0))
 _CASES: dict[int, tuple[Wind, Centres]] = {
-    1: (_one_cell, ((np.pi, np.pi / 3.0), (np.pi, -np.pi / 3.0))),
-    2: (_two_cells, _NEAR),
-    3: (_divergent, ((0.75 * np.pi, 0.0), (1.25 * np.pi, 0.0))),
+    1: (_cells(2.4, 0.5, 0.5, 0), ((np.pi, np.pi / 3.0), (np.pi, -np.pi / 3.0))),
+    2: (_cells(2.0, 1.0, 1.0, 0), _NEAR),
+    3: (_cells(-1.0, -0.5, 0.5, 2), ((0.75 * np.pi, 0.0), (1.25 * np.pi, 0.0))),
     4: (_two_cells_turning, _NEAR),
 }
 """Wind, and the centres of the tracers (lon, lat) [rad], by case."""

@@ -27,18 +27,20 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.mesh.sphere import global_spline
 from swe_sphere.planet import EARTH
 from swe_sphere.testcases.flows import recommended
-from swe_sphere.testcases.harmonics import Complex, GaussGrid, synthesis
-from swe_sphere.testcases.random_flow import BalancedFlow, inverse_laplacian, random_streamfunction
+from swe_sphere.testcases.harmonics import (
+    BalancedFlow,
+    Complex,
+    GaussGrid,
+    inverse_laplacian,
+    random_streamfunction,
+    synthesis,
+)
 from swe_sphere.testcases.williamson import PAPER
 
 DEPTH = 1e4
 """Mean depth [m], put in the place of that of the analysis as in the paper."""
 DEGREE = 42
 """Highest degree of the synthetic state, that of the paper's analyses."""
-HIGHEST = 1000
-"""Highest degree that may be asked for."""
-JET, EDDIES = 20.0, 12.0
-"""Largest zonal-mean wind and root mean square of the rest, of the synthetic state [m s-1]."""
 NAMES = {
     "lat": ("lat", "latitude"),
     "lon": ("lon", "longitude"),
@@ -107,19 +109,19 @@ def _streamfunction(seed: int) -> Complex:
         ratio = n / 6.0
         return ratio / (1.0 + ratio**4)
 
-    found: Complex = random_streamfunction(spectrum, DEGREE, EDDIES, EARTH.radius, seed)
+    found: Complex = random_streamfunction(spectrum, DEGREE, 12.0, EARTH.radius, seed)
     grid = GaussGrid(5)
     sine = np.sin(grid.points[1])
     # -∂ψ/∂θ / a ~ cos³ θ sin² θ, which is largest where sin² θ = 2/5
-    jets = -(sine**3 / 3.0 - sine**5 / 5.0) * EARTH.radius * JET / (0.4 * 0.6**1.5)
+    jets = -(sine**3 / 3.0 - sine**5 / 5.0) * EARTH.radius * 20.0 / (0.4 * 0.6**1.5)
     found[:6, :6] += grid.coefficients(jets)
     return found
 
 
 def _analysed(file: Path, degree: int, balanced: bool) -> State:
     """The state of a file, by bicubic splines, with a mean depth of 10 km."""
-    if not 0 <= degree <= HIGHEST:
-        raise ConfigError(f"williamson7: degree must be from 0 to {HIGHEST}, but is {degree}")
+    if not 0 <= degree <= 1000:
+        raise ConfigError(f"williamson7: degree must be from 0 to 1000, but is {degree}")
     lat, lon, *fields = _read_analysis(file)
     # area mean by the trapezoidal rule in the sine of the latitude
     edges = 0.5 * (np.sin(lat[1:]) + np.sin(lat[:-1]))

@@ -21,11 +21,12 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.planet import EARTH, Planet
 from swe_sphere.simulation.diagnostics import Snapshot
 from swe_sphere.testcases import get_scene
-from swe_sphere.testcases.harmonics import GaussGrid, synthesis
-from swe_sphere.testcases.random_flow import (
+from swe_sphere.testcases.harmonics import (
     BalancedFlow,
+    GaussGrid,
     mean_kinetic_energy,
     random_streamfunction,
+    synthesis,
 )
 
 STILL = Planet(EARTH.radius, EARTH.gravity, 0.0)

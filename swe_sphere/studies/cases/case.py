@@ -36,10 +36,7 @@ ORDERS = {
 }
 """Quantities that fall with refinement, and the names of their observed orders."""
 DEFAULTS: dict[str, dict[str, Any]] = {
-    "verification": {
-        "run": {"ne": 8, "np": 4, "days": 5.0},
-        "bounds": {"mass_drift": 1e-13},
-    },
+    "verification": {"run": {"ne": 8, "np": 4, "days": 5.0}, "bounds": {"mass_drift": 1e-13}},
     "stability": {"method": "series", "seconds": 900.0},
 }
 """What all cases of a folder share unless a file says otherwise."""

@@ -276,9 +276,7 @@ def off_mirror(mesh: Mesh, fields: Fields) -> float:
     return math.sqrt(area_mean(mesh.area, (h - h[other]) ** 2) / spread)
 
 
-SYMMETRIES: dict[str, Callable[[Mesh, Fields], float]] = {
-    "off_wave": off_wave, "off_mirror": off_mirror,
-}  # fmt: skip
+SYMMETRIES = {"off_wave": off_wave, "off_mirror": off_mirror}
 """Deviations from symmetries by name."""
 
 
@@ -360,10 +358,5 @@ def _seeds(case: Case, _: RunConfig, tick: Tick | None) -> Ended:
     return batch
 
 
-METHODS: dict[str, Callable[[Case, RunConfig, Tick | None], Ended]] = {
-    "errors": _errors,
-    "start": _errors,
-    "series": _series,
-    "seeds": _seeds,
-}
+METHODS = {"errors": _errors, "start": _errors, "series": _series, "seeds": _seeds}
 """All ways to measure by name."""

@@ -25,7 +25,7 @@ from swe_sphere.simulation import build
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.flows import at_rest, cone, distance
-from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
+from swe_sphere.testcases.harmonics import BalancedFlow, random_streamfunction
 from swe_sphere.testcases.user_scenes import made
 
 State = tuple[Array, Array, Array]
@@ -306,10 +306,10 @@ def _hills(draw: np.random.Generator, height: float) -> Scalar:
     ]  # fmt: skip
 
     def bottom(lon: Array, lat: Array) -> Array:
-        parts = (
-            tall * np.exp(-((distance(lon, lat, x, y) / wide) ** 2)) for x, y, tall, wide in places
-        )
-        return np.asarray(sum(parts, start=0.0 * (lon + lat)))
+        height = 0.0 * (lon + lat)
+        for x, y, tall, wide in places:
+            height = height + tall * np.exp(-((distance(lon, lat, x, y) / wide) ** 2))
+        return height
 
     return bottom
 
