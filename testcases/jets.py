@@ -132,12 +132,8 @@ EQUATOR = EARTH.rotation * EARTH.radius
 """Speed of the planet at its equator [m s-1]."""
 SPEED = 2.0 * np.pi * EARTH.radius / (12.0 * DAY)
 """Speed of the flow at its equator [m s-1]."""
-SURFACE = 133681.0
-"""The constant k1 in g (h + b) [m2 s-2]."""
 BOTTOM = 10.0
 """The constant k2 in g b [m2 s-2]."""
-CENTRE = np.sin(np.pi / 4.0)
-"""Sine of the latitude of the Gaussian jet, whose width is 0.2."""
 
 
 @recommended(ne=8, np=8, dt=200.0, days=5.0)
@@ -151,8 +147,8 @@ def lauter(alpha: float = np.pi / 4.0) -> Scene:
 
         g (h + b) = k1 + (Ω a sin θ)²/2 - (u0 S + Ω a sin θ)²/2,  g b = (Ω a sin θ)²/2 + k2
 
-    Depth lies between 1256.3 and 13631.3 m over a bottom up to 11 km, for α = π/4. One period is
-    2 π / Ω = 86164 s.
+    with k1 = 133681 m² s⁻² and k2 = 10 m² s⁻². Depth lies between 1256.3 and 13631.3 m over a
+    bottom up to 11 km, for α = π/4. One period is 2 π / Ω = 86164 s.
 
     Args:
         alpha: tilt of the flow's axis [rad]; the flow is steady for 0.
@@ -163,7 +159,7 @@ def lauter(alpha: float = np.pi / 4.0) -> Scene:
         east, north = solid_body(fixed, lat, alpha)
         turning = EQUATOR * np.sin(lat)
         total = SPEED * tilted_latitude(fixed, lat, alpha) + turning
-        surface = (SURFACE + 0.5 * turning**2 - 0.5 * total**2) / EARTH.gravity
+        surface = (133681.0 + 0.5 * turning**2 - 0.5 * total**2) / EARTH.gravity
         return SPEED * east, SPEED * north, surface - bottom(lon, lat)
 
     return Scene(
@@ -204,7 +200,7 @@ def tilted_jet(alpha: float = 0.08, speed: float = 40.0, gaussian: bool = False)
         """Ω a + F [m s-1] at the sine of a latitude."""
         shape = 1.5 * np.sqrt(3.0) * s**2
         if gaussian:
-            shape = np.exp(-(((s - CENTRE) / 0.2) ** 2)) / np.cos(np.pi / 4.0)
+            shape = np.exp(-(((s - np.sin(np.pi / 4.0)) / 0.2) ** 2)) / np.cos(np.pi / 4.0)
         flow: Array = EQUATOR + speed * shape
         return flow
 

@@ -36,8 +36,6 @@ TIDES = {
 
 As in Arbic et al. (2004), for a rigid Earth.
 """
-DEGREES = 32
-"""Degrees above m: coefficients fall below round-off long before for depths of kilometres."""
 
 
 def _effects(linear: bool, *more: Effect) -> tuple[Effect, ...]:
@@ -127,8 +125,8 @@ class TidalEquations:
     m: int
     depth: float
     planet: Planet
-    degrees: int = DEGREES
-    """Number of harmonics of each field: degrees m, m + 1, ...."""
+    degrees: int = 32
+    """Number of harmonics of each field; the last are below round-off for depths of kilometres."""
 
     def forced(self, frequency: float, equilibrium: Array) -> HoughWave:
         """The flow that follows an equilibrium tide of that frequency [s-1].

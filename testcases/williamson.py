@@ -36,8 +36,6 @@ STRENGTH = -0.03 * DEPTH / (2.0 * EARTH.rotation * np.sin(CENTRE))
 """Streamfunction at the centre of the low [m2 s-1]."""
 SHARPNESS = (2.0 * EARTH.radius / 1e6) ** 2
 """The constant σ of the paper."""
-FAR = 0.4
-"""Cosine of a distance at which ψ is 1e-30 of what it is at the centre."""
 
 
 @recommended(ne=16, np=4, dt=1200.0, days=12.0)
@@ -272,7 +270,7 @@ def williamson4(u0: float = 20.0) -> Scene:
         written out, nothing is divided by the cosine of the latitude.
         """
         lon = lon - u0 * t / a
-        there = _low(lon, lat)[0] > FAR
+        there = _low(lon, lat)[0] > 0.4  # further off ψ is 1e-30 of what it is at the centre
         found = np.zeros((3, *np.shape(there)))
         found[:, there] = rates(lon[there], lat[there])
         return found[0], found[1], found[2]

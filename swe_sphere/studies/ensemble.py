@@ -26,9 +26,6 @@ from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.simulation.restart import run_sources
 from swe_sphere.simulation.simulation import run
 
-MOST = 1000
-"""Largest number of members."""
-
 
 def run_members(
     config: RunConfig, seeds: Sequence[int], folder: Path, tell: Callable[[str], None]
@@ -45,9 +42,9 @@ def run_members(
         RunFailed: a run does not come to its end.
         Interrupted: the user stops it.
     """
-    if len(seeds) > MOST or not 2 <= len(set(seeds)) == len(seeds):
+    if len(seeds) > 1000 or not 2 <= len(set(seeds)) == len(seeds):
         few = ",".join(map(str, seeds[:8])) or "none"
-        raise ConfigError(f"seeds: give 2 to {MOST} different ones, not {few}")
+        raise ConfigError(f"seeds: give 2 to 1000 different ones, not {few}")
     with clear_errors(f"cannot write to {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
     return [_member(config, seed, folder, tell) for seed in seeds]

@@ -182,10 +182,7 @@ def _errors_against(sim: Simulation, case: Case) -> dict[str, float]:
 
 SAMPLES = 120
 """About how many samples of a run are taken."""
-BROKEN = 1e-2
-"""Fraction of v² off the symmetry that counts as its loss."""
 DRIFTS = ("mass_drift", "energy_drift", "enstrophy_drift", "total_vorticity")
-EXTREMES = ("max_wind", "max_wave", "min_depth")
 ENDS = ("l2_h", "l2_v", "linf_h", "off_wave", "off_mirror")
 """Numbers of which the last sample counts."""
 
@@ -216,12 +213,12 @@ class Series(Observer):
         min_depth [m] the least; wind_growth is max_wind over that of the start, froude the largest
         max_wind over the speed of gravity waves, energy_gain the largest rise of energy.  Errors
         are those at the end; growth_v and growth_h say how errors went with time, see `_growth`.
-        symmetry_day is the first day on which `BROKEN` of v² is off the symmetry, infinite if there
-        is none.  Of tracers: extremes of mixing ratios, and the largest drift of a mass.
+        symmetry_day is the first day on which a hundredth of v² is off the symmetry, infinite if
+        there is none.  Of tracers: extremes of mixing ratios, and the largest drift of a mass.
         """
         if not self.rows:
             return {}
-        names = dict.fromkeys((*DRIFTS, *EXTREMES, *self.rows[-1]))
+        names = dict.fromkeys((*DRIFTS, "max_wind", "max_wave", "min_depth", *self.rows[-1]))
         of = {name: np.array([row.get(name, math.nan) for row in self.rows]) for name in names}
         days, winds = of["day"], of["max_wind"]
         found = {name: np.abs(of[name]).max() for name in DRIFTS} | {
@@ -235,7 +232,7 @@ class Series(Observer):
         found |= {name: of[name][-1] for name in ENDS if name in of}
         found |= {f"growth_{x}": _growth(of[f"l2_{x}"]) for x in "hv" if f"l2_{x}" in of}
         if "off_wave" in of:
-            found["symmetry_day"] = min(days[of["off_wave"] > BROKEN], default=math.inf)
+            found["symmetry_day"] = min(days[of["off_wave"] > 1e-2], default=math.inf)
         found |= {name: x.min() for name, x in of.items() if name.startswith("min_q_")}
         found |= {name: x.max() for name, x in of.items() if name.startswith("max_q_")}
         masses = [np.abs(x).max() for name, x in of.items() if name.startswith("mass_drift_q_")]
