@@ -71,7 +71,8 @@ def terms(tangent: bool = False) -> tuple[PointTerm, ...]:
 def kernels(real: type) -> list[wp.Kernel]:
     """One of each kind that a GPU runs."""
     nodes = [KernelTypes(4, real, "node", terms) for terms in (FULL, TANGENT, TRANSPORT)]
-    outer, inner = (KernelTypes(4, kind, "node", given=real) for kind in (real, wp.float32))
+    outer = KernelTypes(4, real, "node")
+    inner = KernelTypes(4, wp.float32, "node", Terms(waves=True), given=real)
     restrict, prolong, _ = coarse.transfer_kernels(inner, 16)
 
     def assembled(unknowns: int, point: Pointwise) -> wp.Kernel:
