@@ -223,6 +223,10 @@ def test_a_kill_at_any_write_leaves_what_the_sweep_goes_on_from(tmp_path, monkey
         assert after[: len(before)] == before and len(set(after)) == len(after) == 3
 
 
+def _write_no_report(*_, **__):
+    return Path("index.html")
+
+
 def assert_refused(status, err):
     assert status == 1 and err.count("\n") == 1
     assert "No space left on device" in err and "what is finished is kept" in err
@@ -230,7 +234,9 @@ def assert_refused(status, err):
 
 def test_a_full_disk_ends_a_sweep_with_one_line_and_it_goes_on_later(swe, tmp_path, monkeypatch):
     """Full a write later each time, until the disk has room for all."""
-    monkeypatch.setattr("swe_sphere.studies.report.write_report", lambda *_: Path("index.html"))
+    monkeypatch.setattr(
+        "swe_sphere.studies.report.write_report", lambda *_, **__: Path("index.html")
+    )
     ends = []
     while not ends or ends[-1] != (0, ""):
         with monkeypatch.context() as patched:
@@ -269,7 +275,9 @@ def test_a_full_disk_ends_a_report_with_one_line_and_leaves_the_old_one(
 
 
 def test_a_report_needs_to_know_what_was_asked_for(swe, tmp_path, monkeypatch):
-    monkeypatch.setattr("swe_sphere.studies.report.write_report", lambda *_: Path("index.html"))
+    monkeypatch.setattr(
+        "swe_sphere.studies.report.write_report", lambda *_, **__: Path("index.html")
+    )
     sweep("lauter", "rk4", out=tmp_path / "d", **TINY)
     (tmp_path / "d" / "sweep.json").unlink()
     status, err = swe("--report-only", "--out", "d")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 RECIPES_ONLY = ("converged_stepper", "converged_part", "slow", "spin", "longest", "enough", "name")
 """Fields of a plan without a flag."""
-REPORT, PAGE = {"index.html": MARK, "table.csv": "dataset,number,"}, {"README.md": MARK}
-"""What is written of a sweep, and what of a recipe too, and a text in it by which it is known."""
+REPORT, PAGE = {"index.html": MARK, "table.csv": "dataset,number"}, {"README.md": MARK}
+"""Files that are written of sweeps, and of a recipe too, and a text in them that marks them."""
 
 
 @with_flags(SweepPlan, argument="scene", without=RECIPES_ONLY)
@@ -44,41 +44,41 @@ def sweep(
     """Run steppers over a range of steps, and show what accuracy costs in time."""
     if out is None:
         raise ConfigError("out: say in which folder the sweep is kept (--out DIR)")
-    loaded = Recipe("What accuracy costs in time", ()) if recipe is None else load_recipe(recipe)
-    if not report_only:
-        sweeps = _planned(given(values, SweepPlan), loaded, out)
-    else:
-        sweeps = [] if loaded.mapped else [(folder, None) for folder in _begun(out)]
-    folders = dict.fromkeys(folder for folder, _ in sweeps)
-    single = loaded.single and [*folders] == [out]
-    joined = single or len(folders) > 1
-    pages = REPORT | PAGE if joined and not loaded.mapped else PAGE if loaded.mapped else {}
-    _check_pages([] if loaded.mapped else folders, REPORT)
-    _check_pages([out], pages)
+    loaded = None if recipe is None else load_recipe(recipe)
+    mapped = loaded is not None and loaded.mapped
+    plans = [] if report_only else _planned(given(values, SweepPlan), loaded, out)
+    _check_pages(out, PAGE if mapped else REPORT | PAGE if loaded else REPORT)
     datasets, completed = {}, report_only
-    for folder, plan in sweeps:
+    for folder, plan in plans:
         dataset = datasets[folder] = _carried_out(plan, folder, quiet)
         compared = dataset["status"].where(dataset["role"].isin(["grid", "target"]))
         completed |= bool((compared == "completed").any())
-        if not loaded.mapped:
-            _finish(dataset, None if single else folder, plan, quiet)
-    page = None
-    if loaded.mapped:
+        if not mapped and not quiet:
+            show_sweep(dataset, plan if plan.target_error else None)
+    if loaded is not None and mapped:
         from swe_sphere.studies.regimes import write_map
 
         page = write_map(out, title=loaded.title, introduction=loaded.introduction)
-    elif joined:
-        page = _join(datasets, out, loaded)
-    if page is not None and not quiet:
+    else:
+        from swe_sphere.studies.report import write_report  # matplotlib takes its time to import
+        from swe_sphere.studies.sweep.dataset import write_dataset
+
+        for folder in _begun(out) if report_only or loaded else ():
+            if folder not in datasets:
+                datasets[folder] = write_dataset(folder)
+                if report_only and not quiet:
+                    show_sweep(datasets[folder])
+        page = write_report(_by_name(datasets, out, loaded), out, recipe=loaded)
+    if not quiet:
         typer.echo(page)
     return 0 if completed else RunFailed.exit_status
 
 
 def _planned(
-    flags: Mapping[str, object], recipe: Recipe, out: Path
-) -> list[tuple[Path, SweepPlan | None]]:
-    """Return plans, each with its folder; flags take precedence over the recipe."""
-    if not recipe.sweeps:
+    flags: Mapping[str, object], recipe: Recipe | None, out: Path
+) -> list[tuple[Path, SweepPlan]]:
+    """Return folders and plans; flags take precedence over the recipe."""
+    if recipe is None:
         return [(out, make_plan(flags))]
     plans = recipe.plans(flags)
     if recipe.mapped and any(plan.jobs > 1 for plan in plans):
@@ -97,25 +97,20 @@ def _begun(out: Path) -> list[Path]:
     return [folder for folder in folders if runs_of(folder).records] or folders
 
 
-def _check_pages(folders: Iterable[Path], marks: Mapping[str, str]) -> None:
+def _check_pages(out: Path, marks: Mapping[str, str]) -> None:
     """ConfigError where a page would take the place of one that no sweep has made.
 
     marks: a text that is in the pages of sweeps, by their names.
     """
-    for path, mark in ((folder / name, mark) for folder in folders for name, mark in marks.items()):
-        with clear_errors(f"cannot write to {path}"):
-            if path.exists() and mark.encode() not in path.read_bytes():
+    for name, mark in marks.items():
+        with clear_errors(f"cannot write to {out / name}"):
+            if (out / name).exists() and mark.encode() not in (out / name).read_bytes():
                 raise ConfigError(
-                    f"out: {path} is of no sweep, and would be replaced: choose another"
+                    f"out: {out / name} is of no sweep, and would be replaced: choose another"
                 )
 
 
-def _carried_out(plan: SweepPlan | None, folder: Path, quiet: bool) -> xr.Dataset:
-    """The dataset of a sweep; without a plan that of the runs in the folder."""
-    if plan is None:
-        from swe_sphere.studies.sweep.dataset import write_dataset
-
-        return write_dataset(folder)
+def _carried_out(plan: SweepPlan, folder: Path, quiet: bool) -> xr.Dataset:
     interrupted = (
         f"interrupted by Ctrl-C; {folder} keeps the runs that are finished, and the same command"
         " goes on from there"
@@ -124,32 +119,15 @@ def _carried_out(plan: SweepPlan | None, folder: Path, quiet: bool) -> xr.Datase
         return run_plan(plan, folder, terminal)
 
 
-def _finish(dataset: xr.Dataset, folder: Path | None, plan: SweepPlan | None, quiet: bool) -> None:
-    """Write the report and show the table; of a search its answer.
-
-    folder: of the report; None: it is that of the recipe.
-    """
-    from swe_sphere.studies.report import write_report  # matplotlib takes its time to import
-
-    page = None if folder is None else write_report(dataset, folder)
-    if not quiet:
-        show_sweep(dataset, plan if plan and plan.target_error else None)
-        if page is not None:
-            typer.echo(page)
-
-
-def _join(datasets: Mapping[Path, xr.Dataset], out: Path, recipe: Recipe) -> Path:
-    """One report of several scenes, in HTML and in Markdown, in the order of the recipe."""
-    from swe_sphere.studies.report import write_markdown, write_report
-
-    order = [folder_of(values) for values in recipe.sweeps]
-    named = {order[0] if recipe.single and folder == out else folder.name: dataset
-             for folder, dataset in datasets.items()}  # fmt: skip
+def _by_name(
+    datasets: Mapping[Path, xr.Dataset], out: Path, recipe: Recipe | None
+) -> dict[str, xr.Dataset]:
+    """Datasets by the names of their sections, in the order of the recipe."""
+    order = [folder_of(values) for values in recipe.sweeps] if recipe else []
+    alone = order[0] if recipe and recipe.single else None
+    named = {
+        folder.name if folder != out else alone or str(dataset.attrs["scene"]): dataset
+        for folder, dataset in datasets.items()
+    }
     names = sorted(named, key=lambda name: order.index(name) if name in order else len(order))
-    ordered = {name: named[name] for name in names}
-    page = write_report(ordered, out, title=recipe.title, notes=recipe.notes)
-    write_markdown(
-        ordered, out, title=recipe.title, introduction=recipe.introduction, notes=recipe.notes,
-        claims=recipe.claims,
-    )  # fmt: skip
-    return page
+    return {name: named[name] for name in names}

@@ -23,8 +23,6 @@ BASE = "explicit"
 OTHERS: tuple[str, ...] = tuple(name for name in get_args(Family) if name != BASE)
 UNIT = "rk4"
 """The stepper whose right-hand sides costs are told in."""
-SLOW = ("slow", "vorticity", "l2")
-"""The error of a run."""
 SIZE = ["ne", "np", "precision", "device"]
 """What a right-hand side costs depends on."""
 
@@ -80,43 +78,37 @@ def cheapest_step(runs: pd.DataFrame, error: float) -> tuple[float, float] | Non
 
 
 def read_map(folder: Path) -> RegimeMap:
-    """The map of the sweeps in a folder.
+    """Return the map of the sweeps in a folder.
 
     Raises ConfigError where there is no sweep, or one whose runs have no cost.
     """
-    tables, headers = {}, []
+    tables, headers = [], []
     for path in sorted(path.parent for path in folder.glob(f"*/{RUNS}")):
         header, records = read_header(path), runs_of(path).records
         if header is not None and current(records, header.sources):
-            tables[path.name] = read_runs(build_dataset(header, records))
+            dataset = build_dataset(header, records)
+            runs, end = read_runs(dataset), max(dataset["report_day"].values, default=math.nan)
+            error = runs.get(Metric("slow", "vorticity", "l2", end), math.nan)
+            tables.append(runs.assign(error=error, place=path.name))
             headers.append(header)
     if not tables:
         raise ConfigError(f"there is no sweep in {folder}: leave report-only out to make one")
-    runs = pd.concat([_with_error(of).assign(place=name) for name, of in tables.items()])
+    runs = pd.concat(tables)
     known = runs[(runs["stepper"] == UNIT) & runs["completed"] & runs["timed"]]
     units = (known["cost"] / known["rhs_evaluations"]).groupby([known[of] for of in SIZE]).min()
-    units = units.rename("unit").reset_index()
     firsts = runs.drop_duplicates("place").set_index("place")
     runs = runs[(runs["role"] == "grid") & runs["completed"] & runs["error"].notna()]
     for place in runs.loc[~runs["timed"], "place"]:
         raise ConfigError(
             f"{place}: it has runs that were not timed: make the sweeps again without jobs"
         )
-    runs = runs.merge(units, "left", SIZE)
+    runs = runs.join(units.rename("unit"), SIZE)
     for run in runs[runs["unit"].isna()].itertuples():
         raise ConfigError(
             f"{run.place}: no run of {UNIT} in {run.precision} says what a right-hand side costs,"
             f" in which costs are told: add {UNIT} to the steppers"
         )
     return RegimeMap(ordered_places(firsts), runs.assign(cost=runs["cost"] / runs["unit"]), headers)
-
-
-def _with_error(runs: pd.DataFrame) -> pd.DataFrame:
-    """Runs without their errors but for the slow-flow error at the end, NaN where there is none."""
-    errors = [of for of in runs if isinstance(of, Metric)]
-    slow = [of for of in errors if (of.kind, of.field, of.norm) == SLOW]
-    last = runs[slow].ffill(axis=1).iloc[:, -1] if slow else math.nan
-    return runs.drop(columns=errors).assign(error=last)
 
 
 def ordered_places(firsts: pd.DataFrame) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""A sweep as a page: one HTML file that needs nothing else, or Markdown with figures beside it."""
+"""A sweep as a page: one HTML file that needs nothing else, and of recipes a Markdown file too."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ import math
 import os
 import re
 import tomllib
+from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 from importlib.resources import files
-from io import BytesIO
 from numbers import Real
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,11 +25,10 @@ from swe_sphere.studies import words
 from swe_sphere.studies.pages import rendered
 from swe_sphere.studies.report.figures import (
     Diagram,
-    diagrams,
     error_diagrams,
-    inline,
+    other_diagrams,
     render,
-    save_svg,
+    svg_text,
 )
 from swe_sphere.studies.report.ranking import (
     BASELINE,
@@ -49,12 +47,9 @@ from swe_sphere.studies.report.table import (
     metrics,
     read_runs,
 )
-from swe_sphere.studies.sweep.sweep_plan import Claim, SweepPlan
+from swe_sphere.studies.sweep.sweep_plan import Claim, Recipe, SweepPlan
 
-DOTS_PER_INCH = 160
 TITLE = "What accuracy costs in time"
-SHOWN = ("time", "step")
-OTHERS = ("krylov_iterations", "energy_drift", "stability")
 
 
 # --- the contents of a page
@@ -70,7 +65,7 @@ class OneMesh:
     runs: pd.DataFrame
     rankings: list[Ranking]
     """The one to rank by first."""
-    errors: list[tuple[Metric, list[Diagram]]]
+    errors: dict[Metric, list[Diagram]]
     """Figures of each error, the first ranking's first."""
     diagrams: list[Diagram]
     limits: dict[Metric, Threshold]
@@ -117,7 +112,7 @@ class Section:
 
 
 def records(runs: pd.DataFrame) -> list[dict[str, Any]]:
-    """The lines of a table of runs, for templates."""
+    """Return the lines of a table of runs, for templates."""
     found: list[dict[str, Any]] = runs.to_dict("records")
     return found
 
@@ -125,21 +120,22 @@ def records(runs: pd.DataFrame) -> list[dict[str, Any]]:
 def sweep_rankings(
     dataset: Dataset, metric: Metric | None = None, levels: Sequence[float] = ()
 ) -> list[Ranking]:
-    """The ranking to go by for each mesh of a sweep: its headline and its table.
+    """Return the ranking to go by for each mesh of a sweep: its headline and its table.
 
     metric: the error to rank by; None: the one that tells most.  levels: target errors, none: round
     ones.  Raises ConfigError if the dataset is not one of a sweep.
     """
-    own = float(dataset.attrs.get("converged_check", math.nan))
     return [
         ranking
         for where, runs in _meshes(read_runs(dataset)).items()
-        for ranking in rankings(runs, [metric] if metric else metrics(runs), where, own, levels)[:1]
+        for ranking in rankings(
+            runs, [metric] if metric else metrics(runs), where, _own_error(dataset), levels
+        )[:1]
     ]
 
 
 def search_rankings(dataset: Dataset, plan: SweepPlan) -> list[Ranking]:
-    """Rankings by the error that a plan has searched for, one for each mesh."""
+    """Return rankings by the error that a plan has searched for, one for each mesh."""
     if not dataset.sizes["report_day"]:
         return []
     tried = dataset.isel(run=dataset["role"].values == "target")
@@ -153,45 +149,47 @@ def search_rankings(dataset: Dataset, plan: SweepPlan) -> list[Ranking]:
 
 
 def read_sections(datasets: Dataset | Mapping[str, Dataset]) -> list[Section]:
-    """One section for each dataset.
-
-    Raises ConfigError if one of them is not the dataset of a sweep.
-    """
+    """Return one section for each dataset; ConfigError if one is not the dataset of a sweep."""
     if isinstance(datasets, Dataset):
         datasets = {str(datasets.attrs["scene"]): datasets}
     sections = []
     for title, dataset in datasets.items():
-        runs, own = read_runs(dataset), float(dataset.attrs.get("converged_check", math.nan))
+        runs, own = read_runs(dataset), _own_error(dataset)
         meshes = [_mesh(where, of, own) for where, of in _meshes(runs).items()]
         sections.append(Section(title, dataset, runs, meshes))
     return sections
 
 
+def _own_error(dataset: Dataset) -> float:
+    return float(dataset.attrs.get("converged_check", math.nan))
+
+
 def _meshes(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """The runs of a scene by what they are called: the scene and the mesh."""
+    """Return the runs of a scene by what they are called: the scene and the mesh."""
     shown = runs[runs["mesh"].isin(runs.loc[runs["role"] != MADE_FOR_OTHERS, "mesh"])]
     return {", ".join(of): found for of, found in shown.groupby(["scene", "mesh"], sort=False)}
 
 
 def _mesh(where: str, runs: pd.DataFrame, own: float) -> OneMesh:
-    """Losses are told of total and slow-flow errors; of time errors where there are no others,
-    as any stepper's shortest step is without time error.
+    """Describe a mesh; losses are of total and slow-flow errors, where there are any.
+
+    Any stepper's shortest step is without time error.
     """
     found = metrics(runs)
     ranked = rankings(runs, found, where, own)
     first = [ranking.metric for ranking in ranked[:1]]
-    errors = [(m, error_diagrams(runs, m)) for m in dict.fromkeys([*first, *found])]
+    errors = {m: error_diagrams(runs, m) for m in dict.fromkeys([*first, *found])}
     chosen = [m for m in found if m.kind in ("total", "slow")] or found
     return OneMesh(
         _slug(runs["mesh"].iloc[0]), where, runs, ranked,
-        errors=[(metric, drawn) for metric, drawn in errors if drawn],
-        diagrams=diagrams(runs),
+        errors={metric: drawn for metric, drawn in errors.items() if drawn},
+        diagrams=other_diagrams(runs),
         limits={m: limit for m in chosen if (limit := threshold(runs, m)) is not None},
     )  # fmt: skip
 
 
 def _slug(text: str) -> str:
-    """A text as a part of file names and anchors."""
+    """Return a text as a part of file names and anchors."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
 
 
@@ -210,12 +208,12 @@ class Column(NamedTuple):
     """Whether short tables have it."""
 
     def cell(self, run: Mapping[Any, Any]) -> str:
-        """What is shown of a run."""
+        """Return what is shown of a run."""
         return str(getattr(words, self.text)(run[self.name]) if self.text else run[self.name])
 
 
 def columns(runs: pd.DataFrame) -> list[Column]:
-    """The columns that say something about these runs."""
+    """Return the columns that say something about these runs."""
     text = files(__package__).joinpath("templates/columns.toml").read_text(encoding="utf-8")
     known = {part: [Column(**of) for of in table] for part, table in tomllib.loads(text).items()}
     errors = [
@@ -230,7 +228,7 @@ def columns(runs: pd.DataFrame) -> list[Column]:
 
 
 def step_text(run: pd.Series | None, numbered: bool = True) -> str:
-    """The step of a run with the multiples of its limits; numbered: and with the run's number."""
+    """Return a run's step with the multiples of its limits; numbered: and the run's number."""
     if run is None:
         return "none"
     multiples = f"{words.times(run.gravity_multiple)}, {words.times(run.advective_multiple)}"
@@ -238,31 +236,26 @@ def step_text(run: pd.Series | None, numbered: bool = True) -> str:
 
 
 def csv_text(sections: Sequence[Section]) -> str:
-    """All that is known of the runs of sections, in SI units; every error in a column.
+    """Return all that is known of the runs of sections, in SI units; every error in a column.
 
     Fields that are not finite are empty.
     """
-    tables, errors = [pd.DataFrame(columns=["dataset", "number"])], set[str]()
-    for of in sections:
-        names = {m: m.name for m in of.runs if isinstance(m, Metric) and of.runs[m].notna().any()}
-        known = ["number", *(str(n) for n, v in of.dataset.items() if v.dims == ("run",)), *names]
-        tables.append(of.runs[known].rename(columns=names).assign(dataset=of.title))
-        errors.update(names.values())
-    table = pd.concat(tables)
-    order = [*(name for name in table if name not in errors), *sorted(errors)]
-    text: str = table[order].replace([math.inf, -math.inf], math.nan).to_csv(index=False)
+    tables = {
+        of.title: of.runs.drop(columns="number").dropna(axis=1, how="all")
+        .rename(columns={m: m.name for m in of.runs if isinstance(m, Metric)})
+        for of in sections
+    }  # fmt: skip
+    table = pd.concat(tables, names=["dataset", "number"])
+    text: str = table.replace([math.inf, -math.inf], math.nan).to_csv()
     return text
 
 
-# --- claims of others
-
-
 def _verdicts(mesh: OneMesh, claim: Claim) -> Iterator[list[str]]:
-    """Lines of the table: the longest steps without loss, and whether that is as claimed.
+    """Yield lines of a table: the longest steps without loss, and whether that is as claimed.
 
     Of steppers that took steps of as many gravity-wave limits as are claimed.
     """
-    total = {metric.field: metric for metric, _ in mesh.errors if metric.kind == "total"}
+    total = {metric.field: metric for metric in mesh.errors if metric.kind == "total"}
     shown = [total[field] for field in ("h", "vorticity") if field in total]
     claimed = f"{words.times(claim.gravity)}, {words.times(claim.advective)}"
     for label, curve in mesh.runs[mesh.runs["compared"]].groupby("curve"):
@@ -290,91 +283,59 @@ def write_report(
     out: str | os.PathLike[str],
     *,
     title: str = "",
-    notes: Mapping[str, str] | None = None,
+    recipe: Recipe | None = None,
 ) -> Path:
-    """Write index.html, its figures as SVG and PNG, and table.csv into a folder.
+    """Write index.html, its figures (SVG) and table.csv into a folder.
 
     datasets: what `sweep` returns, or several by name: a section each.
-    title: of the page; empty: the first dataset's.
-    notes: text for the section of that name.
+    title: of the page; empty: the recipe's, or the first dataset's.
+    recipe: of the sweeps; its introduction, notes and claims are shown, and README.md written too.
     Returns the path of index.html.  Raises ConfigError if a dataset is not one of a sweep or the
     folder cannot be made, RunFailed if the disk refuses; each file is the old one or the new one.
     """
     with clear_errors(f"cannot write the report to {out}"):
         Path(out).mkdir(parents=True, exist_ok=True)
     out, sections = Path(out), read_sections(datasets)
-    told = sections[0].dataset.attrs.get("title") if sections else ""
-    text = _rendered(
-        "report.html.j2", title=title or told or TITLE, sections=sections, notes=notes or {},
-        picture=partial(_picture, out, True),
-    )  # fmt: skip
+    told = recipe.title if recipe else sections[0].dataset.attrs.get("title", "")
+    pictures = {
+        diagram: picture
+        for section in sections
+        for mesh in section.meshes
+        for diagram, picture in _pictures(mesh, section.name).items()
+    }
+    for name, svg in pictures.values():
+        write_whole(out / name, svg)
+    values = {
+        "title": title or told or TITLE, "sections": sections, "recipe": recipe,
+        "notes": recipe.notes if recipe else {},
+    }  # fmt: skip
+    inline = {
+        diagram: f"data:image/svg+xml;base64,{b64encode(svg.encode()).decode()}"
+        for diagram, (_, svg) in pictures.items()
+    }
     write_whole(out / "table.csv", csv_text(sections))
-    write_whole(out / "index.html", text)
+    write_whole(out / "index.html", _rendered("report.html.j2", **values, pictures=inline))
+    if recipe is not None:
+        verdicts = [
+            line
+            for section in sections
+            for mesh in (section.meshes if section.title in recipe.claims else ())
+            for line in _verdicts(mesh, recipe.claims[section.title])
+        ]
+        names = {diagram: name for diagram, (name, _) in pictures.items()}
+        page = _rendered("page.md.j2", **values, pictures=names, verdicts=verdicts)
+        write_whole(out / "README.md", page)
     return out / "index.html"
 
 
-def write_markdown(
-    datasets: Dataset | Mapping[str, Dataset],
-    folder: str | os.PathLike[str],
-    *,
-    title: str = TITLE,
-    introduction: str = "",
-    notes: Mapping[str, str] | None = None,
-    claims: Mapping[str, Claim] | None = None,
-    figures: Sequence[str] = OTHERS,
-) -> Path:
-    """Write README.md and its figures (SVG) into a folder.
-
-    introduction: Markdown after the title.  notes: Markdown for the section of that name.  claims:
-    what a section's runs are held against, in a table at the top.
-    figures: diagrams beside those of the errors, by name.  The rest is as for `write_report`.
-    """
-    sections, claims = read_sections(datasets), claims or {}
-    verdicts = [
-        line
-        for section in sections
-        for mesh in (section.meshes if section.title in claims else ())
-        for line in _verdicts(mesh, claims[section.title])
-    ]
-    text = _rendered(
-        "page.md.j2", title=title, introduction=introduction, notes=notes or {}, sections=sections,
-        shown=SHOWN, figures=figures, claims=claims, verdicts=verdicts,
-        picture=partial(_picture, Path(folder), False),
-    )  # fmt: skip
-    page = Path(folder) / "README.md"
-    write_whole(page, text)
-    return page
-
-
-def _picture(folder: Path, whole: bool, section: Section, mesh: OneMesh, diagram: Diagram) -> str:
-    """Draw a diagram into an SVG file; returns the name of the file.
-
-    whole: draw a PNG too, and return the diagram as an element of a page, with explanations of its
-    points.
-    """
-    stem = f"{section.name}-{mesh.name}-{diagram.name}"
-    figure = render(diagram, section.name)
-    svg = save_svg(figure, stem)
-    write_whole(folder / f"{stem}.svg", svg)
-    if not whole:
-        return f"{stem}.svg"
-    png = BytesIO()
-    figure.savefig(png, format="png", dpi=DOTS_PER_INCH)
-    write_whole(folder / f"{stem}.png", png.getvalue())
-    tips = {f"{section.name}-{run['number']}": _tip(run) for run in records(mesh.runs)}
-    return Markup(inline(svg, stem, diagram.title, tips))
-
-
-def _tip(run: Mapping[str, Any]) -> str:
-    return (
-        f"row {run['number']}: {run['stepper']}, Δt {words.step(run['dt'])} "
-        f"({words.times(run['gravity_multiple'])} gravity limit), "
-        f"{run['clock']} {words.seconds(run['cost'])}, {run['ended']}"
-    )
+def _pictures(mesh: OneMesh, section: str) -> dict[Diagram, tuple[str, str]]:
+    """Return the name and the text of the file of each diagram."""
+    drawn = [*(diagram for of in mesh.errors.values() for diagram in of), *mesh.diagrams]
+    stems = {diagram: f"{section}-{mesh.name}-{diagram.name}" for diagram in drawn}
+    return {of: (f"{stem}.svg", svg_text(render(of), stem)) for of, stem in stems.items()}
 
 
 def _rendered(template: str, **values: Any) -> str:
-    """A template filled in."""
     return rendered(
         "swe_sphere.studies.report", template, _link_rows, _attribute, records, json.loads,
         **values, columns=columns, repeatable=REPEATABLE, slack=SLACK, baseline=BASELINE,
@@ -382,7 +343,7 @@ def _rendered(template: str, **values: Any) -> str:
 
 
 def _attribute(value: Any) -> str:
-    """An attribute of a dataset as it is shown."""
+    """Return an attribute of a dataset as it is shown."""
     with suppress(ValueError):
         value = json.loads(value) if isinstance(value, str) else value
     if isinstance(value, dict):
@@ -391,7 +352,7 @@ def _attribute(value: Any) -> str:
 
 
 def _link_rows(text: str, section: str) -> Markup:
-    """Escaped text in which "row 12" leads to that row of the section's table."""
+    """Return escaped text in which "row 12" leads to that row of the section's table."""
     link = rf'<a href="#{section}-\1">row&nbsp;\1</a>'
     linked = re.sub(r"\brow (\d+)\b", link, str(escape(text)))
     return Markup(re.sub(r"(\d) (s|%)(?!\w)", r"\1&nbsp;\2", linked))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import pandas as pd
@@ -17,20 +17,16 @@ from swe_sphere.studies.pages import prose
 from swe_sphere.studies.report.table import Metric
 
 GAIN = 0.01
+"""A dearer run whose error is smaller by less than this part is not on the Pareto front."""
 MOST_TARGETS = 5
-LONG = 6.0
-"""Steps from so many times the gravity-wave limit on do not resolve the gravity waves."""
-RANGE = 3.0
-"""A plateau spans at least this factor in steps, and at most this factor in errors."""
-BELOW = 0.5
-"""A smaller error than this times the plateau's shows that there is something to resolve."""
 SLACK = 1.1
 BASELINE = "leapfrog"
 FAILED = ("unstable", "solver-failed")
 """Status of runs whose scheme failed."""
-ANSWERED = {"total": ("h", "v", "vorticity"), "time": ("h", "v", "vorticity"),
-            "slow": ("vorticity", "h", "v")}  # fmt: skip
-"""For each kind of error the field that steppers are ranked by: the first one there is."""
+ANSWERED = {"slow": ("vorticity", "h", "v"), "total": ("h", "v", "vorticity"),
+            "time": ("h", "v", "vorticity")}  # fmt: skip
+"""For each kind of error, the one to go by first, the field that steppers are ranked by: the first
+one there is. Depth does not rank where the start sheds gravity waves, which long steps damp."""
 BEST, TIE = "★ ", "≈ "
 """Marks of the cheapest run for a target, and of those that cannot be told from it."""
 
@@ -40,27 +36,20 @@ def candidates(runs: pd.DataFrame, metric: Metric) -> pd.DataFrame:
     return runs[runs["compared"] & runs[metric].notna()]
 
 
-def with_cost(runs: pd.DataFrame, metric: Metric, cost: str = "cost") -> pd.DataFrame:
-    """Runs that may be compared, and that have a cost; cost: its column."""
+def with_cost(runs: pd.DataFrame, metric: Metric) -> pd.DataFrame:
+    """Runs that may be compared, and that have a cost."""
     found = candidates(runs, metric)
-    return found[found[cost].between(0.0, math.inf, inclusive="neither")]
+    return found[found["cost"].between(0.0, math.inf, inclusive="neither")]
 
 
-def pareto(
-    runs: pd.DataFrame, metric: Metric, cost: str = "cost", gain: float = GAIN
-) -> pd.DataFrame:
-    """Runs that no other run beats in both error and cost, by rising cost.
+def pareto(runs: pd.DataFrame, metric: Metric) -> pd.DataFrame:
+    """Runs that no other run beats in both error and cost, by rising cost; of equal ones the first.
 
-    Of runs equal in both the first stays.  A run whose error is smaller than that of a cheaper
-    one by less than a part `gain` of it is left out: it costs more for nothing.
+    A run must improve on the errors of all cheaper ones by `GAIN`.
     """
-    front: list[int] = []
-    least = math.inf
-    for number, error in with_cost(runs, metric, cost).sort_values([cost, metric])[metric].items():
-        if not front or error < (1.0 - gain) * least:
-            front.append(number)
-            least = error
-    return runs.loc[front]
+    found = with_cost(runs, metric).sort_values(["cost", metric], kind="stable")
+    least = found[metric].cummin().shift(fill_value=math.inf)
+    return found[found[metric] < (1.0 - GAIN) * least]
 
 
 def smallest(runs: pd.DataFrame, metric: Metric) -> pd.Series | None:
@@ -110,8 +99,7 @@ class Ranking:
     """Falling."""
     lines: dict[str, list[pd.Series | None]]
     """For each curve the cheapest run for each target, and the run of its smallest error."""
-    plateau: Plateau | None = None
-    notes: list[str] = field(default_factory=list)
+    note: str = ""
     """What to keep in mind."""
 
     def _timed(self, target: int) -> list[pd.Series]:
@@ -183,19 +171,12 @@ def rankings(
 
     runs: of one mesh.  where: name of scene and mesh.  own: error in time of the converged run;
     smaller targets are left out.  levels: the targets; none: round ones that steppers reach.
-    The error of the slow flow comes first where the depth saturates.
     """
     by_name = {(metric.kind, metric.field): metric for metric in found}
     keys = (
         [(kind, of) for of in order if (kind, of) in by_name] for kind, order in ANSWERED.items()
     )
     made = [_ranking(runs, by_name[key[0]], where, own, levels) for key in keys if key]
-    slow = any(metric.kind == "slow" for metric in found)
-    for ranking in made:
-        if ranking.plateau:
-            ranking.notes.append(prose("plateau", ranking.metric, ranking.plateau, slow))
-    saturates = any(of.plateau is not None and not of.plateau.everywhere for of in made)
-    made.sort(key=lambda ranking: ranking.metric.kind != "slow" and saturates)
     return [ranking for ranking in made if ranking.lines]
 
 
@@ -218,50 +199,8 @@ def _ranking(
         for curve, row in cells.items()
     }
     lines = {curve: cells[curve] for curve in sorted(cells, key=costs.__getitem__)}
-    flat = plateau(runs, metric) if metric.field == "h" and metric.kind != "slow" else None
-    notes = [prose("unresolved", wanted[-1], own)] if wanted and wanted[-1] < resolved else []
-    return Ranking(where, metric, wanted, lines, flat, notes)
-
-
-@dataclass(frozen=True, eq=False)
-class Plateau:
-    """Errors of long steps that hardly depend on the step, by the runs at their ends."""
-
-    lowest: pd.Series
-    """The run with the smallest error of it."""
-    highest: pd.Series
-    shortest: pd.Series
-    """The run with the shortest step of it."""
-    longest: pd.Series
-    best: pd.Series
-    """The run with the smallest error of all."""
-    everywhere: bool
-    """Whether short steps do no better: then it is the mesh's error, not that of the steps."""
-
-
-def plateau(runs: pd.DataFrame, metric: Metric) -> Plateau | None:
-    """The plateau of an error on one mesh at steps that do not resolve gravity waves, if any.
-
-    Initial states that are not in balance shed gravity waves; every stepper with a long step
-    damps or dephases them, whatever the step, and its depth differs by about their amplitude.
-    None where the error of most steppers grows with the step, or where too few steps tell.
-    """
-    runs = candidates(runs, metric)
-    best, long = smallest(runs, metric), runs[runs["gravity_multiple"] >= LONG]
-    if best is None or not (runs["gravity_multiple"] < LONG).any():
-        return None
-    each = long.groupby("stepper")[["dt", metric]]
-    spans = each.max() / each.min()
-    told = spans[spans["dt"] >= RANGE]
-    flat = told[told[metric] <= RANGE]
-    if 2 * len(flat) <= len(told):
-        return None
-    members = long[long["stepper"].isin(flat.index)]
-    errors, steps = members[metric], members["dt"]
-    ends = (errors.idxmin(), errors.idxmax(), steps.idxmin(), steps.idxmax())
-    lowest, highest, shortest, longest = (members.loc[of] for of in ends)
-    everywhere = bool(best[metric] >= BELOW * errors.min())
-    return Plateau(lowest, highest, shortest, longest, best, everywhere)
+    note = prose("unresolved", wanted[-1], own) if wanted and wanted[-1] < resolved else ""
+    return Ranking(where, metric, wanted, lines, note)
 
 
 @dataclass(frozen=True, eq=False)

@@ -113,7 +113,6 @@ def _derived(runs: pd.DataFrame) -> dict[str, Any]:
         compared=completed & runs["role"].isin(COMPARED),
         ended=runs["status"].where(told, runs["status"] + ": " + runs["reason"]),
         mesh=[*meshes],
-        evaluations=runs["rhs_evaluations"] + runs["tangent_evaluations"],
         gravity_multiple=runs["dt"] / gravity, advective_multiple=runs["dt"] / advective,
         newton_a_step=runs["newton_iterations"] / steps,
         krylov_a_step=runs["krylov_iterations"] / steps,
