@@ -25,7 +25,7 @@ class Deadly:
         die()
 
 
-def squaring(tell, power):
+def squaring(power):
     def work(number):
         if number == "raise":
             raise ConfigError("no number")
@@ -34,11 +34,13 @@ def squaring(tell, power):
         if number == "die":
             die()
         if number == "die sending":
-            tell(("x" * 2**24, Deadly()))
+            return ("x" * 2**24, Deadly())
         if number == "wait":
-            tell(os.getpid())
             time.sleep(LONG)
-        tell((number, number**power))
+        if number == "pid":
+            time.sleep(1.0)  # so that the other process takes the next task
+            return os.getpid()
+        return number, number**power
 
     return work
 
@@ -46,6 +48,6 @@ def squaring(tell, power):
 if __name__ == "__main__":
     from jobs import squaring as known_by_name
 
-    for pid in in_processes(2, known_by_name, (2,), ["wait", "wait"]):
+    for pid in in_processes(2, known_by_name, (2,), ["pid", "pid", "wait", "wait"]):
         sys.stdout.write(f"{pid}\n")
         sys.stdout.flush()

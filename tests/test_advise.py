@@ -59,7 +59,7 @@ def test_a_search_keeps_to_its_budget() -> None:
     watcher.note = notes.append  # type: ignore[method-assign]
     found = sweep(
         "lauter", ["rk4", "bdf2"], watcher=watcher, ne=2, np=4, days=0.5, target_error=1e-3,
-        target_kind="time", finer=0, budget=1e-6,
+        target_kind="time", budget=1e-6,
     )  # fmt: skip
     assert found.role.values.tolist() == ["converged", "converged"]
     assert len(notes) == 2 and all("no step is good enough" in note for note in notes)

@@ -417,5 +417,5 @@ def test_diagnostics_and_callbacks_are_no_file_of_the_package(here):
     asked = SMALL | {"diagnostics": ["eddies.py"], "out": "run.nc"}
     summary = run(make_config(asked))
     assert summary["eddy_energy"] == open_run("run.nc").eddy_energy[-1] > 0.0
-    swept = sweep("williamson5", "rk4", ne=2, np=4, days=0.25, dt=1800.0, repeats=1, finer=0)
+    swept = sweep("williamson5", "rk4", ne=2, np=4, days=0.25, dt=1800.0, repeats=1)
     assert swept.eddy_energy[swept.role.values == "grid"].item() == summary["eddy_energy"]

@@ -61,7 +61,7 @@ def test_what_is_finished_before_another_process_dies_is_kept():
 
 
 def test_ctrl_c_ends_all():
-    waiting = in_processes(2, jobs.squaring, (2,), ["wait", "wait"])
+    waiting = in_processes(2, jobs.squaring, (2,), [1, "wait", "wait"])
     next(waiting)
     os.kill(os.getpid(), signal.SIGINT)
     with pytest.raises(Interrupted):
@@ -94,12 +94,9 @@ def at_once(monkeypatch):
     """Tasks are done by this process, which is quicker."""
 
     def done(count, begin, arguments, tasks):
-        found = []
-        work = begin(found.append, *pickle.loads(pickle.dumps(arguments)))
+        work = begin(*pickle.loads(pickle.dumps(arguments)))
         for task in pickle.loads(pickle.dumps(tasks)):
-            work(task)
-            yield from pickle.loads(pickle.dumps(found))
-            found.clear()
+            yield pickle.loads(pickle.dumps(work(task)))
 
     for place in ("sweep.engine", "cases.rows"):
         monkeypatch.setattr(f"swe_sphere.studies.{place}.in_processes", done)

@@ -26,7 +26,6 @@ longest = 21600
 levels = 4
 repeats = 1
 slow = true
-finer = 0
 target-kind = "slow"
 enough = 3e-3
 [[sweep]]

@@ -11,7 +11,7 @@ from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.studies.sweep import SweepWatcher, sweep
-from swe_sphere.studies.sweep.dataset import INNER, UNITS, WORDS
+from swe_sphere.studies.sweep.dataset import UNITS, WORDS
 from swe_sphere.studies.sweep.record import runs_of
 from swe_sphere.testcases import get_scene
 
@@ -84,7 +84,7 @@ def test_a_target_of_the_slow_flow_is_that_of_potential_vorticity():
     """Its error stands in the place of that of vorticity, whatever field is asked for."""
     options = TINY | {"dt": "auto", "ne": 3}
     scene = replace(get_scene("williamson6"), name="mine")
-    found = sweep(scene, "rk4", finer=0, target_kind="slow", target_error=1e-4, **options)
+    found = sweep(scene, "rk4", target_kind="slow", target_error=1e-4, **options)
     tried = found.isel(run=found.role.values == "target")
     slow = tried.error.sel(kind="slow", field="vorticity", norm="l2").isel(report_day=-1).values
     assert slow.min() <= 1e-4
@@ -159,7 +159,7 @@ def test_runs_that_are_left_out_are_left_out_of_all_rounds():
 
 def test_no_diagnostic_takes_a_name_that_sweeps_have():
     found = sweep("williamson2", ["rk4"], ne=2, np=4, days=0.05, dt=2160.0, repeats=1)
-    for name in {*found.variables, *found.dims, *WORDS, *UNITS, *INNER}:
+    for name in {*found.variables, *found.dims, *WORDS, *UNITS, "key", "repeat"}:
         with pytest.raises(ConfigError, match="needs another name"):
             diagnostic(name=name)(lambda sim: 0.0)
 
@@ -176,7 +176,7 @@ def test_an_error_that_passes_is_not_stored(tmp_path):
                 raise MemoryError("3 GB")
 
     def status():
-        found = sweep("williamson2", [Passing], out=tmp_path, finer=0, **TINY)
+        found = sweep("williamson2", [Passing], out=tmp_path, **TINY)
         return set(found["status"].values.ravel().tolist())
 
     with pytest.raises(MemoryError):

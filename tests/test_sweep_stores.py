@@ -127,7 +127,7 @@ def test_two_scenes_of_one_name_are_never_mixed(tmp_path):
     )
     for scene in ("lauter", file, replace(get_scene("williamson6"), name="lauter")):
         notes = Notes()
-        found = sweep(scene, "rk4", watcher=notes, out=tmp_path / "d", finer=0, **TINY)
+        found = sweep(scene, "rk4", watcher=notes, out=tmp_path / "d", **TINY)
         assert [*found["role"].values] == ["converged", "converged", "grid"]
         assert len(notes.told) == (scene != "lauter")
         assert all("the scene changed since" in note for note in notes.told)
@@ -160,7 +160,7 @@ def test_a_report_can_be_made_while_the_sweep_goes_on(tmp_path):
     class Reports(SweepWatcher):
         rows = ()
 
-        def done(self, case, record):
+        def done(self):
             self.rows = (*self.rows, write_dataset(tmp_path).sizes["run"])
 
     watcher = Reports()

@@ -10,7 +10,7 @@ from swe_sphere.cli.options import given, with_flags
 from swe_sphere.cli.show_sweep import show_rankings, watched
 from swe_sphere.errors import ConfigError
 from swe_sphere.settings.values import validated
-from swe_sphere.studies.advise import Advice, Question
+from swe_sphere.studies.advise import Question
 from swe_sphere.studies.advise import advise as advice_on
 
 
@@ -22,17 +22,12 @@ def advise(**values: Any) -> None:
     question = validated(Question, given(values, Question))
     with watched(question.scene, False, "interrupted by Ctrl-C") as terminal:
         advice = advice_on(question, terminal)
-    typer.echo(_measured(advice))
+    target = advice.ranking.targets[0]
+    shorter = (
+        f"of {advice.of_days:g} days, with {target:.2g} in the place of {question.error:g}: errors"
+        " are taken to grow in proportion to the days."
+    )
+    rest = "days." if advice.days == advice.of_days else shorter
+    typer.echo(f"Measured over {advice.days:g} {rest}")
     show_rankings([advice.ranking])
     typer.echo(f"  {advice.command}")
-
-
-def _measured(advice: Advice) -> str:
-    error = advice.question.error
-    if advice.days == advice.of_days:
-        return f"Measured over {advice.days:g} days."
-    target = advice.ranking.targets[0]
-    return (
-        f"Measured over {advice.days:g} of {advice.of_days:g} days, with {target:.2g} in the place"
-        f" of {error:g}: errors are taken to grow in proportion to the days."
-    )

@@ -19,7 +19,7 @@ METAVARS = {
     "device": "cpu|cuda:0", "settings": "EFFECT.PARAMETER=VALUE", "diagnostics": "FILE.py",
     "out": "FILE.nc", "every": "HOURS", "plot": "FILE.png", "live": "FIELD", "restart": "FILE.nc",
     "reference": "FILE.nc", "time_limit": "SECONDS", "levels": "N",
-    "repeats": "R", "jobs": "N", "target_error": "E", "error": "E", "finer": "NE",
+    "repeats": "R", "jobs": "N", "target_error": "E", "error": "E",
     "budget": "SECONDS",
     "projection": "NAME", "centre": "LON|LON,LAT", "region": "W,E,S,N", "limits": "LOW,HIGH",
     "colours": "NAME",

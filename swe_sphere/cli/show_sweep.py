@@ -7,19 +7,19 @@ from collections import Counter
 from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING, Any
 
+import typer
+
 from swe_sphere.cli.show import print_table
 from swe_sphere.compiling import COMPILING, on_compile
 from swe_sphere.simulation.loop import Interrupted
-from swe_sphere.studies.sweep import SweepPlan, SweepWatcher
+from swe_sphere.studies.sweep import SweepWatcher
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     import xarray as xr
-    from rich.console import Console
 
     from swe_sphere.studies.report import Ranking
-    from swe_sphere.studies.sweep.record import RunRecord
     from swe_sphere.studies.sweep.runs import RunSpec
 
 
@@ -29,7 +29,7 @@ class SweepTerminal(SweepWatcher):
     def __init__(self, title: str, quiet: bool) -> None:
         from tqdm import tqdm
 
-        self._quiet, self._made = quiet, 0
+        self._quiet = quiet
         self._bar: Any = tqdm(
             total=0, desc=title, unit="run", leave=False, file=sys.stderr,
             disable=quiet or not sys.stderr.isatty(),
@@ -51,14 +51,9 @@ class SweepTerminal(SweepWatcher):
         """Say how far it is."""
         self._bar.set_postfix_str(f"{self._label}, step {step} of {self._steps}")
 
-    def done(self, spec: RunSpec, record: RunRecord) -> None:
+    def done(self) -> None:
         """Move the bar."""
         self._bar.update()
-
-    def beside(self, record: RunRecord) -> None:
-        """Say what was made."""
-        self._made += 1
-        self._bar.set_postfix_str(f"{self._made} made, the last by {record.config.stepper}")
 
     def note(self, text: str) -> None:
         """Print it."""
@@ -77,34 +72,26 @@ def watched(title: str, quiet: bool, interrupted: str) -> Iterator[SweepTerminal
         raise Interrupted(interrupted) from None
 
 
-def show_sweep(dataset: xr.Dataset, search: SweepPlan | None = None) -> None:
-    """Who reaches which error at which cost, mesh by mesh, and how runs failed.
+def show_sweep(dataset: xr.Dataset) -> None:
+    """Who reaches which error at which cost, mesh by mesh, and how runs failed."""
+    from swe_sphere.studies.report import sweep_rankings
 
-    search: of one for an error, what was asked for.
-    """
-    from swe_sphere.studies.report import search_rankings, sweep_rankings
-
-    found = sweep_rankings(dataset) if search is None else search_rankings(dataset, search)
-    console = show_rankings(found)
+    found = sweep_rankings(dataset)
+    show_rankings(found)
     if not found:
-        console.print(f"{dataset.attrs['scene']}: no run has an error that could be compared")
+        typer.echo(f"{dataset.attrs['scene']}: no run has an error that could be compared")
     ends = dataset[["stepper", "status", "reason"]].to_dataframe()
     for (stepper, status, reason), count in Counter(ends.itertuples(False, None)).items():
-        if not reason:
-            continue
         times = f"{count} × " if count > 1 else ""
-        console.print(f"{times}{stepper}, {status}: {reason}", soft_wrap=True)
+        if reason:
+            typer.echo(f"{times}{stepper}, {status}: {reason}")
 
 
-def show_rankings(found: Sequence[Ranking]) -> Console:
-    """The headline and the table of each, and how to read the last; returns the console."""
-    from rich.console import Console
-
-    console = Console(markup=False, highlight=False)
+def show_rankings(found: Sequence[Ranking]) -> None:
+    """The headline and the table of each, and how to read the last."""
     for ranking in found:
-        console.print(ranking.headline, soft_wrap=True)
+        typer.echo(ranking.headline)
         if any(run is not None for row in ranking.lines.values() for run in row[:-1]):
             print_table(ranking.heads, ranking.body)
     if found:
-        console.print(found[-1].caption, soft_wrap=True)
-    return console
+        typer.echo(found[-1].caption)

@@ -19,7 +19,7 @@ from swe_sphere.studies.sweep.sweep_plan import Recipe, folder_of, load_recipe
 if TYPE_CHECKING:
     import xarray as xr
 
-RECIPES_ONLY = ("converged_stepper", "converged_part", "slow", "spin", "longest", "enough", "name")
+RECIPES_ONLY = ("converged_part", "slow", "spin", "longest", "enough", "name")
 """Fields of a plan without a flag."""
 REPORT, PAGE = {"index.html": MARK, "table.csv": "dataset,number"}, {"README.md": MARK}
 """Files that are written of sweeps, and of a recipe too, and a text in them that marks them."""
@@ -54,7 +54,7 @@ def sweep(
         compared = dataset["status"].where(dataset["role"].isin(["grid", "target"]))
         completed |= bool((compared == "completed").any())
         if not mapped and not quiet:
-            show_sweep(dataset, plan if plan.target_error else None)
+            show_sweep(dataset)
     if loaded is not None and mapped:
         from swe_sphere.studies.regimes import write_map
 

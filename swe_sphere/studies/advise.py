@@ -6,9 +6,8 @@ import math
 import shlex
 import tempfile
 import time
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import warp as wp
 from pydantic import BeforeValidator, Field
@@ -26,7 +25,7 @@ from swe_sphere.simulation.config import (
     make_config,
 )
 from swe_sphere.steppers import get_stepper
-from swe_sphere.studies.report import Ranking, search_rankings
+from swe_sphere.studies.report import Ranking, sweep_rankings
 from swe_sphere.studies.sweep import SweepWatcher, make_plan, run_plan
 from swe_sphere.studies.sweep.runs import Discretisation
 from swe_sphere.studies.sweep.sweep_plan import stepper_names
@@ -62,34 +61,18 @@ class Question(SharedConfig):
     settings: tuple[str, ...] = ()
     """Change an effect or the scene; repeatable."""
 
-    @property
-    def common(self) -> dict[str, Any]:
-        """Values that were given and that every run of the scene has."""
-        names = self.model_fields_set - {"error", "budget", "steppers"}
-        return {name: value for name in names if (value := getattr(self, name)) is not None}
 
-
-@dataclass(frozen=True)
-class Advice:
+class Advice(NamedTuple):
     """The answer: what was measured, and the run that is advised."""
 
-    question: Question
     days: float
     """Length of the measured runs [days]."""
     of_days: float
     """Length of the run that advice is on [days]."""
     ranking: Ranking
     """All steppers at the target error of the measured runs; one of them reaches it."""
-
-    @property
-    def config(self) -> RunConfig:
-        """The configuration of the run that is advised."""
-        best = self.ranking.winners(0)[0]
-        steppers = {get_stepper(name).name: name for name in self.question.steppers}
-        chosen = {"stepper": steppers[best.stepper], "dt": float(f"{best['dt']:.5g}")}
-        if best.preconditioner:
-            chosen["preconditioner"] = best.preconditioner
-        return make_config(self.question.common | chosen)
+    config: RunConfig
+    """The configuration of the run that is advised."""
 
     @property
     def command(self) -> str:
@@ -112,17 +95,18 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
             or no stepper is found that has the error.
         Interrupted: the user asked to stop.
     """
-    space = Discretisation(make_config(question.common))
-    whole = space.scene.days if question.days is None else question.days
-    days = whole
-    while days * _seconds_a_day(space, question) * RUNS > question.budget and days > 0.1:
+    apart = {"error", "budget", "steppers"}
+    common = question.model_dump(exclude=apart, exclude_unset=True, exclude_none=True)
+    space = Discretisation(make_config(common))
+    whole = days = space.scene.days if question.days is None else question.days
+    while days * _seconds_a_day(space, common) * RUNS > question.budget and days > 0.1:
         days *= 0.5
     # the error of the balanced flow where there is one beside gravity waves, else of depth
     waves = space.scene.wind is None and space.scene.effect("pressure-gradient") is not None
     slow = waves and math.isfinite(space.limits["advective_limit"])
     target = question.error * days / whole
-    plan = make_plan(question.common | {
-        "steppers": question.steppers, "days": days, "budget": question.budget, "finer": 0,
+    plan = make_plan(common | {
+        "steppers": question.steppers, "days": days, "budget": question.budget,
         "target_error": target, "target_kind": "slow" if slow else "time", "slow": slow,
     })  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
@@ -133,24 +117,26 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
             f"error: {target:.2g} cannot be measured, the reference run has {own:.2g}:"
             " ask for a larger one"
         )
-    for ranking in search_rankings(dataset, plan):
-        if ranking.winners(0):
-            return Advice(question, days, whole, ranking)
+    for ranking in sweep_rankings(dataset):
+        if winners := ranking.winners(0):
+            best, named = winners[0], {get_stepper(name).name: name for name in question.steppers}
+            chosen = {"stepper": named[best.stepper], "dt": float(f"{best['dt']:.5g}")}
+            chosen |= {"preconditioner": best.preconditioner} if best.preconditioner else {}
+            return Advice(days, whole, ranking, make_config(common | chosen))
     raise ConfigError(
         f"error: no step is found that keeps to {question.error:g} over {whole:g} days: ask for a"
         f" larger one, or allow more than {question.budget:g} s (budget)"
     )
 
 
-def _seconds_a_day(space: Discretisation, question: Question) -> float:
+def _seconds_a_day(space: Discretisation, common: dict[str, Any]) -> float:
     """Time [s] that rk4 takes for a day with its longest step: CPU time, on a GPU wall time."""
-    sim = space.simulation(make_config(question.common | {"stepper": "rk4"}))
-    device = sim.model.device
-    clock = time.process_time if device == "cpu" else time.perf_counter
+    sim = space.simulation(make_config(common | {"stepper": "rk4"}))
+    clock = time.process_time if sim.model.device == "cpu" else time.perf_counter
     times = []
     for _ in range(TIMED_STEPS):
         began = clock()
         sim.step()
-        wp.synchronize_device(device)
+        wp.synchronize_device(sim.model.device)
         times.append(clock() - began)
     return min(times) * DAY / sim.plan.dt

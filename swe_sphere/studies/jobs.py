@@ -1,19 +1,10 @@
-"""Runs of a study in several processes, for results that do not include times.
-
-The process that starts the others stores the records they return. It then carries out the study
-as usual and finds these records instead of making the runs.
-
-Results travel as whole files. A pipe that all processes share would not do: its reader waits
-forever when a process dies in the middle of a message.
-"""
+"""Runs of a study in several processes, for results that do not include times."""
 
 from __future__ import annotations
 
 import os
-import pickle
 import signal
 import sys
-import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -22,19 +13,13 @@ from functools import cache, partial
 from multiprocessing import active_children, get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from threading import Thread
 from types import ModuleType
 from typing import Any
 
 from swe_sphere.errors import ConfigError, RunFailed, SweError
-from swe_sphere.files.durable import write_whole
 from swe_sphere.ranks.communicator import leave_ranks
 from swe_sphere.simulation.loop import Interruption
-
-Tell = Callable[[Any], None]
-"""Sends one result to the process that stores results."""
 
 MOST_JOBS = 1024
 IGNORED = {signal.SIGINT, signal.SIGHUP}
@@ -52,7 +37,7 @@ def checked_jobs(jobs: int) -> int:
 
 def in_processes(
     jobs: int,
-    begin: Callable[..., Callable[[Any], None]],
+    begin: Callable[..., Callable[[Any], Any]],
     arguments: Sequence[object],
     tasks: Sequence[object],
 ) -> Iterator[Any]:
@@ -62,9 +47,10 @@ def in_processes(
 
     Args:
         jobs: Number of processes.
-        begin: A function of a module, called as begin(tell, *arguments) in each process. The
-            function that it returns does one task and passes each result to `tell`.
-        arguments: Further arguments of `begin`.
+        begin: A function of a module, called as begin(*arguments) in each process. The function
+            that it returns does one task and returns its result, which must be small: a process
+            that dies in the middle of a message leaves its reader waiting.
+        arguments: Arguments of `begin`.
         tasks: What to do; each task is done once.
 
     Raises:
@@ -77,22 +63,18 @@ def in_processes(
     spawn = get_context("spawn")
     alive, ours = spawn.Pipe(duplex=False)
     processes, others = set[BaseProcess](), {*active_children()}
-    with TemporaryDirectory() as folder, Interruption() as interruption:
-        prepare = partial(begin, partial(_send, folder), *arguments)
-        pool = ProcessPoolExecutor(min(jobs, len(tasks)), spawn, _initialise, (alive, prepare))
+    prepare = partial(begin, *arguments)
+    pool = ProcessPoolExecutor(min(jobs, len(tasks)), spawn, _initialise, (alive, prepare))
+    with Interruption() as interruption:
         try:
             with _private_start():
                 pending = {pool.submit(_do, task) for task in tasks}
             processes |= {*active_children()} - others
             while pending:
                 done, pending = wait(pending, LOOK, FIRST_COMPLETED)
-                for path in sorted(Path(folder).glob("*.result")):
-                    interruption.check()
-                    yield pickle.loads(path.read_bytes())
-                    path.unlink()
                 interruption.check()
-                for future in done:
-                    future.result()
+                for future in sorted(done, key=lambda each: each.exception() is not None):
+                    yield future.result()
                 # the pool does not watch a process that it started while it waited for others
                 if any(each.exitcode for each in processes):
                     raise BrokenProcessPool
@@ -106,12 +88,6 @@ def in_processes(
         finally:
             ours.close()
             pool.shutdown(cancel_futures=True)
-
-
-def _send(folder: str, result: object) -> None:
-    """Write a result for the process that stores results; later files sort last."""
-    path = Path(folder) / f"{time.time_ns():020d}-{os.getpid()}.result"
-    write_whole(path, pickle.dumps(result))
 
 
 def _end_of(processes: Collection[BaseProcess]) -> str:
@@ -136,11 +112,11 @@ def _private_start() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-_work: Callable[[], Callable[[Any], None]]
+_work: Callable[[], Callable[[Any], Any]]
 """Returns the function that does a task in this process of the pool."""
 
 
-def _initialise(alive: Connection, begin: Callable[[], Callable[[Any], None]]) -> None:
+def _initialise(alive: Connection, begin: Callable[[], Callable[[Any], Any]]) -> None:
     """Prepare a process of the pool; `begin` waits for the first task, which reports its errors."""
     leave_ranks()
     Thread(target=_end_with_parent, args=(alive,), daemon=True).start()
@@ -148,10 +124,10 @@ def _initialise(alive: Connection, begin: Callable[[], Callable[[Any], None]]) -
     _work = cache(begin)
 
 
-def _do(task: object) -> None:
+def _do(task: object) -> Any:
     """Do one task in a process of the pool."""
     try:
-        _work()(task)
+        return _work()(task)
     except SweError:
         raise
     except Exception as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from swe_sphere.errors import ConfigError, in_one_line
 from swe_sphere.files.durable import clear_errors
@@ -27,21 +27,18 @@ def rendered(package: str, template: str, *filters: Callable[..., object], **val
 
     package: of the study.  filters: known to the template by their names.
     """
-    made = _environment(package, escape=template.endswith(".html.j2"))
+    made = _environment(package, template.endswith(".html.j2"))
     made.filters |= {each.__name__.lstrip("_"): each for each in filters}
     return made.get_template(template).render(values)
 
 
 def prose(name: str, *values: object) -> str:
     """A sentence: the macro of that name in the templates of all studies."""
-    return str(getattr(_sentences(), name)(*values)).strip()
+    sentences = _environment(__package__ or "", False).get_template("prose.j2").module
+    return str(getattr(sentences, name)(*values)).strip()
 
 
 @cache
-def _sentences() -> Any:
-    return _environment(__package__ or "", escape=False).get_template("prose.j2").module
-
-
 def _environment(package: str, escape: bool) -> Environment:
     from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 

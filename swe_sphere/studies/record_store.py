@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
@@ -35,15 +35,13 @@ class Store(Generic[R]):
     """Records of one form in numbered files, in the order in which they were made.
 
     A kill at any moment leaves all of them whole.  Raises ConfigError where a file is damaged.
-    tell: passes new records on to the process that keeps them in the files.
+    suffix: of the names of new files, where several processes write records.
     """
 
-    def __init__(
-        self, folder: Path, form: type[R], tell: Callable[[R], object] | None = None
-    ) -> None:
-        self.folder, self._form, self._tell = folder, form, tell
+    def __init__(self, folder: Path, form: type[R], suffix: str = "") -> None:
+        self.folder, self._form, self._suffix = folder, form, suffix
         paths = sorted(folder.glob("[0-9]*.json"))
-        self._last = max((int(path.stem) for path in paths if path.stem.isdigit()), default=0)
+        self._last = max((int(path.stem.partition("-")[0]) for path in paths), default=0)
         self.records: list[R] = [read_record(path, form) for path in paths]
 
     def add(self, record: R) -> R:
@@ -52,13 +50,10 @@ class Store(Generic[R]):
         Raises:
             RunFailed: the disk does not take it.
         """
-        if self._tell is None:
-            text = record.as_text()
-            write_whole(self.folder / f"{self._last + 1:06d}.json", text)
-            self._last += 1
-            record = self._form.model_validate_json(text)
-        else:
-            self._tell(record)
+        text = record.as_text()
+        write_whole(self.folder / f"{self._last + 1:06d}{self._suffix}.json", text)
+        self._last += 1
+        record = self._form.model_validate_json(text)
         self.records.append(record)
         return record
 

@@ -7,14 +7,14 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import groupby
+from itertools import chain, groupby
 
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.summary import finite
 from swe_sphere.studies.cases.case import ORDERS, Case, Check
 from swe_sphere.studies.cases.measure import TIMES, Measure, Tick, measure
 from swe_sphere.studies.ended import STOPPED
-from swe_sphere.studies.jobs import Tell, in_processes
+from swe_sphere.studies.jobs import in_processes
 from swe_sphere.studies.record_store import Store
 
 OUTCOMES = ("passed", "refused", "broke", "failed")
@@ -191,12 +191,8 @@ def measured_beside(
     """
     left = [case for case in cases if not case.is_timed and case.fingerprint not in known]
     tasks = [[*group] for _, group in groupby(left, lambda case: case.name)]
-    yield from in_processes(jobs, _measuring, (), tasks)
+    yield from chain.from_iterable(in_processes(jobs, _measuring, (), tasks))
 
 
-def _measuring(tell: Tell) -> Callable[[list[Case]], None]:
-    def work(task: list[Case]) -> None:
-        for case in task:
-            tell(measure(case))
-
-    return work
+def _measuring() -> Callable[[list[Case]], list[Measure]]:
+    return lambda task: [measure(case) for case in task]

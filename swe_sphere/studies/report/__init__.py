@@ -3,8 +3,7 @@
 Needs nothing but the dataset of a sweep.
 """
 
-from swe_sphere.studies.report.page import search_rankings, sweep_rankings, write_report
+from swe_sphere.studies.report.page import sweep_rankings, write_report
 from swe_sphere.studies.report.ranking import Ranking
-from swe_sphere.studies.report.table import Metric
 
-__all__ = ["Metric", "Ranking", "search_rankings", "sweep_rankings", "write_report"]
+__all__ = ["Ranking", "sweep_rankings", "write_report"]

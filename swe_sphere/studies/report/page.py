@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from numbers import Real
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pandas as pd
 from markupsafe import Markup, escape
@@ -32,10 +32,8 @@ from swe_sphere.studies.report.figures import (
 )
 from swe_sphere.studies.report.ranking import (
     BASELINE,
-    FAILED,
     SLACK,
     Ranking,
-    Threshold,
     largest_step,
     rankings,
     threshold,
@@ -47,7 +45,7 @@ from swe_sphere.studies.report.table import (
     metrics,
     read_runs,
 )
-from swe_sphere.studies.sweep.sweep_plan import Claim, Recipe, SweepPlan
+from swe_sphere.studies.sweep.sweep_plan import Claim, Recipe
 
 TITLE = "What accuracy costs in time"
 
@@ -68,25 +66,6 @@ class OneMesh:
     errors: dict[Metric, list[Diagram]]
     """Figures of each error, the first ranking's first."""
     diagrams: list[Diagram]
-    limits: dict[Metric, Threshold]
-    """Errors that count as no loss of accuracy."""
-
-    @property
-    def largest_steps(self) -> tuple[list[str], list[list[str]]]:
-        """Heads and lines of a table: stable steps, and steps without loss of accuracy."""
-        heads = ["stepper", "largest completed step", "first failure"]
-        heads += [f"{m.symbol}, {m.kind_title}" for m in self.limits]
-        lines = []
-        for label, curve in self.runs[self.runs["role"] != MADE_FOR_OTHERS].groupby("curve"):
-            done, failed = curve[curve["completed"]], curve[curve["status"].isin(FAILED)]
-            failure = "none"
-            if len(failed):
-                run = failed.loc[failed["dt"].idxmin()]
-                failure = f"{words.step(run['dt'])}, {run.status} (row {run.number})"
-            longest = done.loc[done["dt"].idxmax()] if len(done) else None
-            lossless = [largest_step(curve, m, limit.value) for m, limit in self.limits.items()]
-            lines.append([label, step_text(longest), failure, *map(step_text, lossless)])
-        return heads, lines
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,41 +90,32 @@ class Section:
         return told[0] if told else none
 
 
-def records(runs: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the lines of a table of runs, for templates."""
-    found: list[dict[str, Any]] = runs.to_dict("records")
+def sweep_rankings(dataset: Dataset) -> list[Ranking]:
+    """Return the ranking to go by for each mesh of a sweep: its headline and its table.
+
+    It is by the error that was searched for, or by the one that tells most.  Raises ConfigError if
+    the dataset is not one of a sweep.
+    """
+    plan = json.loads(dataset.attrs.get("plan", "{}"))
+    own = float(dataset.attrs.get("converged_check", math.nan))
+    target = plan.get("target_error")
+    if target is not None:
+        dataset = dataset.isel(run=dataset["role"].values == "target")
+    found = []
+    for where, runs in _meshes(read_runs(dataset)).items():
+        by = metrics(runs) if target is None else _searched(runs, plan)
+        found += rankings(runs, by, where, own, [] if target is None else [target])[:1]
     return found
 
 
-def sweep_rankings(
-    dataset: Dataset, metric: Metric | None = None, levels: Sequence[float] = ()
-) -> list[Ranking]:
-    """Return the ranking to go by for each mesh of a sweep: its headline and its table.
-
-    metric: the error to rank by; None: the one that tells most.  levels: target errors, none: round
-    ones.  Raises ConfigError if the dataset is not one of a sweep.
-    """
-    return [
-        ranking
-        for where, runs in _meshes(read_runs(dataset)).items()
-        for ranking in rankings(
-            runs, [metric] if metric else metrics(runs), where, _own_error(dataset), levels
-        )[:1]
-    ]
-
-
-def search_rankings(dataset: Dataset, plan: SweepPlan) -> list[Ranking]:
-    """Return rankings by the error that a plan has searched for, one for each mesh."""
-    if not dataset.sizes["report_day"]:
-        return []
-    tried = dataset.isel(run=dataset["role"].values == "target")
-    day, kind = float(dataset["report_day"].values[-1]), plan.target_kind
-    total = dataset["error"].sel(kind="total", field=plan.target_field)
-    if kind == "auto":
-        kind = "total" if bool(total.notnull().any()) else "time"
-    field = "vorticity" if kind == "slow" else plan.target_field
-    metric = Metric(kind, field, plan.target_norm, day)
-    return sweep_rankings(tried, metric, [plan.target_error or math.inf])
+def _searched(runs: pd.DataFrame, plan: Mapping[str, Any]) -> list[Metric]:
+    """Return the error that a plan has searched for, at the last day, where there is any."""
+    kind, field = plan.get("target_kind", "auto"), plan.get("target_field", "h")
+    kinds = ("total", "time") if kind == "auto" else (kind,)
+    norm, field = plan.get("target_norm", "l2"), "vorticity" if kind == "slow" else field
+    known = [of for of in runs if isinstance(of, Metric) and runs[of].notna().any()]
+    found = [of for of in known if (of.kind in kinds and (of.field, of.norm) == (field, norm))]
+    return sorted(found, key=lambda of: (kinds.index(of.kind), -of.day))[:1]
 
 
 def read_sections(datasets: Dataset | Mapping[str, Dataset]) -> list[Section]:
@@ -154,14 +124,10 @@ def read_sections(datasets: Dataset | Mapping[str, Dataset]) -> list[Section]:
         datasets = {str(datasets.attrs["scene"]): datasets}
     sections = []
     for title, dataset in datasets.items():
-        runs, own = read_runs(dataset), _own_error(dataset)
+        runs, own = read_runs(dataset), float(dataset.attrs.get("converged_check", math.nan))
         meshes = [_mesh(where, of, own) for where, of in _meshes(runs).items()]
         sections.append(Section(title, dataset, runs, meshes))
     return sections
-
-
-def _own_error(dataset: Dataset) -> float:
-    return float(dataset.attrs.get("converged_check", math.nan))
 
 
 def _meshes(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
@@ -171,21 +137,13 @@ def _meshes(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 
 def _mesh(where: str, runs: pd.DataFrame, own: float) -> OneMesh:
-    """Describe a mesh; losses are of total and slow-flow errors, where there are any.
-
-    Any stepper's shortest step is without time error.
-    """
     found = metrics(runs)
     ranked = rankings(runs, found, where, own)
     first = [ranking.metric for ranking in ranked[:1]]
     errors = {m: error_diagrams(runs, m) for m in dict.fromkeys([*first, *found])}
-    chosen = [m for m in found if m.kind in ("total", "slow")] or found
-    return OneMesh(
-        _slug(runs["mesh"].iloc[0]), where, runs, ranked,
-        errors={metric: drawn for metric, drawn in errors.items() if drawn},
-        diagrams=other_diagrams(runs),
-        limits={m: limit for m in chosen if (limit := threshold(runs, m)) is not None},
-    )  # fmt: skip
+    drawn = {metric: diagrams for metric, diagrams in errors.items() if diagrams}
+    name = _slug(runs["mesh"].iloc[0])
+    return OneMesh(name, where, runs, ranked, drawn, other_diagrams(runs))
 
 
 def _slug(text: str) -> str:
@@ -196,43 +154,24 @@ def _slug(text: str) -> str:
 # --- tables
 
 
-class Column(NamedTuple):
-    """A column of the table of all runs."""
+def run_table(runs: pd.DataFrame, short: bool = False) -> pd.DataFrame:
+    """Return the texts of the columns that say something about runs, by title and row.
 
-    title: str
-    name: str | Metric
-    """Of the column in a table of runs."""
-    text: str = ""
-    """How numbers are written: a function of `words`; empty where there are words."""
-    essential: bool = False
-    """Whether short tables have it."""
-
-    def cell(self, run: Mapping[Any, Any]) -> str:
-        """Return what is shown of a run."""
-        return str(getattr(words, self.text)(run[self.name]) if self.text else run[self.name])
-
-
-def columns(runs: pd.DataFrame) -> list[Column]:
-    """Return the columns that say something about these runs."""
+    short: of the essential columns alone.
+    """
     text = files(__package__).joinpath("templates/columns.toml").read_text(encoding="utf-8")
-    known = {part: [Column(**of) for of in table] for part, table in tomllib.loads(text).items()}
+    known = tomllib.loads(text)
     errors = [
-        Column(f"{m.symbol} {m.kind}, day {m.day:g}", m, "error", True) for m in metrics(runs)
-    ]
-    lines = records(runs)
-    return [
-        column
-        for column in (*known["settings"], *errors, *known["costs"])
-        if column.essential or any(column.cell(run) not in ("", words.NOTHING) for run in lines)
-    ]
-
-
-def step_text(run: pd.Series | None, numbered: bool = True) -> str:
-    """Return a run's step with the multiples of its limits; numbered: and the run's number."""
-    if run is None:
-        return "none"
-    multiples = f"{words.times(run.gravity_multiple)}, {words.times(run.advective_multiple)}"
-    return f"{words.step(run['dt'])} ({multiples}{f'; row {run.number}' if numbered else ''})"
+        {"title": f"{m.symbol} {m.kind}, day {m.day:g}", "name": m, "text": "error",
+         "essential": True} for m in metrics(runs)
+    ]  # fmt: skip
+    shown = {}
+    for column in (*known["settings"], *errors, *known["costs"]):
+        values, essential = runs[column["name"]], column.get("essential", False)
+        texts = values.map(getattr(words, column["text"]) if "text" in column else str)
+        if essential or not (short or texts.isin(("", words.NOTHING)).all()):
+            shown[column["title"]] = texts
+    return pd.DataFrame(shown)
 
 
 def csv_text(sections: Sequence[Section]) -> str:
@@ -262,8 +201,7 @@ def _verdicts(mesh: OneMesh, claim: Claim) -> Iterator[list[str]]:
         longest = curve.loc[curve["dt"].idxmax()]
         if longest.gravity_multiple < claim.gravity:
             continue
-        limits = {m: mesh.limits[m].value if m in mesh.limits else -math.inf for m in shown}
-        steps = [largest_step(curve, metric, limit) for metric, limit in limits.items()]
+        steps = [largest_step(curve, metric, threshold(mesh.runs, metric)) for metric in shown]
         met = [
             "yes" if run is not None and run.gravity_multiple >= claim.gravity
             and run.advective_multiple >= claim.advective else "no"
@@ -271,8 +209,16 @@ def _verdicts(mesh: OneMesh, claim: Claim) -> Iterator[list[str]]:
         ]  # fmt: skip
         each = [f"{answer} ({m.symbol})" for answer, m in zip(met, shown, strict=True)]
         verdict = met[0] if len({*met}) == 1 else ", ".join(each)
-        cells = [step_text(run, numbered=False) for run in (*steps, longest)]
-        yield [mesh.title, label, claimed, *cells[:-1], verdict, cells[-1]]
+        cells = map(_step_text, (*steps, longest))
+        yield [mesh.title, label, claimed, verdict, *cells]
+
+
+def _step_text(run: pd.Series | None) -> str:
+    """Return the step of a run with the multiples of its limits."""
+    if run is None:
+        return "none"
+    multiples = f"{words.times(run.gravity_multiple)}, {words.times(run.advective_multiple)}"
+    return f"{words.step(run['dt'])} ({multiples})"
 
 
 # --- files
@@ -337,8 +283,8 @@ def _pictures(mesh: OneMesh, section: str) -> dict[Diagram, tuple[str, str]]:
 
 def _rendered(template: str, **values: Any) -> str:
     return rendered(
-        "swe_sphere.studies.report", template, _link_rows, _attribute, records, json.loads,
-        **values, columns=columns, repeatable=REPEATABLE, slack=SLACK, baseline=BASELINE,
+        "swe_sphere.studies.report", template, _link_rows, _attribute, run_table,
+        **values, repeatable=REPEATABLE, slack=SLACK, baseline=BASELINE,
     )  # fmt: skip
 
 

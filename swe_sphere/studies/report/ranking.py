@@ -203,35 +203,19 @@ def _ranking(
     return Ranking(where, metric, wanted, lines, note)
 
 
-@dataclass(frozen=True, eq=False)
-class Threshold:
-    """An error that counts as no loss of accuracy, and the runs it comes from, by what they are."""
-
-    value: float
-    sources: dict[str, pd.Series]
-
-
-def threshold(runs: pd.DataFrame, metric: Metric) -> Threshold | None:
-    """Up to which error nothing is lost, among runs of one mesh; None where no run has one.
+def threshold(runs: pd.DataFrame, metric: Metric) -> float:
+    """Up to which error nothing is lost, among runs of one mesh; -inf where no run has one.
 
     The largest of SLACK times the smallest error that any stepper reaches, SLACK times the
     error of the run converged in time, which no step can be blamed for, and the error of the
     baseline stepper at its largest completed step: who is as good as the explicit scheme at the
     step that one would run it with has lost nothing (Evans, Taylor & Drake 2010 compare so).
     """
-    best = smallest(runs, metric)
-    if best is None:
-        return None
-    base = candidates(runs[runs["stepper"] == BASELINE], metric)
-    exact = runs[(runs["role"] == "converged") & runs[metric].notna()]
-    found = {
-        "smallest": best,
-        "converged in time": _first(exact.sort_values("dt", kind="stable")),
-        BASELINE: _first(base.sort_values("dt", ascending=False, kind="stable")),
-    }
-    sources = {name: run for name, run in found.items() if run is not None}
-    values = [run[metric] * (1.0 if name == BASELINE else SLACK) for name, run in sources.items()]
-    return Threshold(max(values), sources)
+    compared = candidates(runs, metric).sort_values("dt", kind="stable")
+    exact = runs[(runs["role"] == "converged") & runs[metric].notna()].sort_values("dt")
+    slack = [compared[metric].min(), *exact[metric].head(1)]
+    base = compared.loc[compared["stepper"] == BASELINE, metric].tail(1)
+    return -math.inf if compared.empty else max([*(SLACK * error for error in slack), *base])
 
 
 def largest_step(runs: pd.DataFrame, metric: Metric, limit: float) -> pd.Series | None:

@@ -45,30 +45,27 @@ UNITS = {
     "peak_memory": "byte",
 }
 """Numbers of a row and their units; others that a run has come without."""
-INNER = ("key", "repeat", "wall_seconds", "cpu_seconds")
-"""Columns of the table of records that are no variables as they stand."""
 
 
 def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
-    """The dataset of a sweep; rows in the order in which they were first run.
+    """The dataset of a sweep; rows in the order in which they were run.
 
     Only runs of the sources that the sweep had last are in it: others cannot be compared with them.
     dims: run, kind, field, norm, report_day [days], repeat.  There must be a run.
     """
     records = current(records, header.sources)
-    # of a run that was made anew the last record holds, in the place of the first
-    firsts = {run.key: run for run in records if run.repeat == 0}
-    table = pd.DataFrame([_row(record, header.scene) for record in records])
-    table = table.drop_duplicates(["key", "repeat"], keep="last").set_index("key")
-    runs = table[table["repeat"] == 0].loc[[*firsts]]
+    last = {(record.key, record.repeat): record for record in records}
+    index = pd.MultiIndex.from_tuples(last, names=["key", "repeat"])
+    table = pd.DataFrame([_row(record, header.scene) for record in last.values()], index)
+    runs = table.xs(0, level="repeat")
     data: dict[str, Any] = {name: ("run", runs[name].to_numpy(object)) for name in WORDS}
-    for name in (*UNITS, *(name for name in runs if name not in {*UNITS, *WORDS, *INNER})):
+    for name in (*UNITS, *(name for name in runs if name not in {*UNITS, *WORDS, *CLOCKS})):
         units = {"units": UNITS[name]} if name in UNITS else {}
         data[name] = ("run", runs[name].to_numpy(float), units)
     # a repeat that was cut short has no time of the whole run
-    table.loc[(table["repeat"] > 0) & (table["status"] != "completed"), [*CLOCKS]] = np.nan
+    kept = (table.index.get_level_values("repeat") == 0) | (table["status"] == "completed")
     for name in CLOCKS:
-        repeats = table.pivot(columns="repeat", values=name).loc[[*firsts]].to_numpy(float)
+        repeats = table[name].where(kept).unstack("repeat").loc[runs.index].to_numpy(float)
         data[name.removesuffix("_seconds")] = (("run", "repeat"), repeats, {"units": "s"})
         times = np.pad(np.sort(repeats, axis=1), ((0, 0), (0, 1)), constant_values=np.nan)
         data[name] = ("run", times[:, 0], {"units": "s"})  # NaN comes last
@@ -76,7 +73,7 @@ def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
             told = {"units": "1", "long_name": f"of {name}: (second shortest - shortest)/shortest"}
             with np.errstate(divide="ignore", invalid="ignore"):
                 data["spread"] = ("run", times[:, 1] / times[:, 0] - 1.0, told)
-    data["error"] = _errors([*firsts.values()])
+    data["error"] = _errors([last[key, 0] for key in runs.index])
     attributes = {
         name: json.dumps(value) if isinstance(value, dict) else value for name, value in header
     }
@@ -112,8 +109,7 @@ def _row(run: RunRecord, scene: str) -> dict[str, Any]:
         **dict.fromkeys((*UNITS, *CLOCKS)), **run.numbers,
         **{name: getattr(config, name) for name in ("stepper", "dt", *MESH)},
         **{name: getattr(run, name) for name in ("role", "status", "reason", "jobs")},
-        "key": run.key, "repeat": run.repeat, "scene": scene,
-        "preconditioner": config.preconditioner or "",
+        "scene": scene, "preconditioner": config.preconditioner or "",
         "settings": " ".join(map(str, config.settings)), "days_planned": config.days,
     }  # fmt: skip
 

@@ -7,23 +7,24 @@ import math
 import os
 import tempfile
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, nullcontext, suppress
 from itertools import zip_longest
 from pathlib import Path
 
 import xarray as xr
 
 from swe_sphere.equations.scene import Scene
+from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
 from swe_sphere.ranks.communicator import refuse_ranks
 from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.steppers import Stepper
-from swe_sphere.studies.jobs import Tell, in_processes
+from swe_sphere.studies.jobs import in_processes
 from swe_sphere.studies.record_store import locked
 from swe_sphere.studies.sweep.dataset import write_dataset
 from swe_sphere.studies.sweep.errors import Evaluator
-from swe_sphere.studies.sweep.record import RunRecord, current, note_plan, runs_of
+from swe_sphere.studies.sweep.record import RunRecord, note_plan, runs_of
 from swe_sphere.studies.sweep.runner import Runner, SweepWatcher
 from swe_sphere.studies.sweep.runs import Integrator, RunSpec, Study, users_methods
 from swe_sphere.studies.sweep.steps import NoStepError, longest_accurate, longest_working
@@ -45,9 +46,9 @@ SEARCHING = 0.7
 NEAR_BEST = 1.5
 """Runs up to so many times the time of the cheapest good one are timed again."""
 
-Part = tuple[str, int, int | None]
-"""Runs that one process makes one after the other: what they are for (grid, search or limit), the
-number of their integrator, and which of its grid, None for all of it."""
+Part = tuple[int, int | None]
+"""Runs that one process makes one after the other: the number of an integrator, and which of its
+grid, or None for its searches."""
 
 
 def sweep(
@@ -113,12 +114,14 @@ def run_plan(
         RunFailed: the disk does not take the results.
         Interrupted: the user asked to stop; the dataset of what is finished has been written.
     """
-    with locked(folder):
+    with locked(folder), ExitStack() as stack:
+        gc.freeze()  # so that collections between runs skip older objects
+        stack.callback(gc.unfreeze)
         work = Sweep(plan, folder, watcher or SweepWatcher(), own)
         try:
             work.run()
         except Interrupted:
-            if current(work.store.records, work.sources):
+            with suppress(ConfigError):  # no run is finished
                 write_dataset(folder)
             raise
         return write_dataset(folder)
@@ -127,7 +130,8 @@ def run_plan(
 class Sweep:
     """Carries out a plan in a folder; what the folder holds already is not made again.
 
-    Raises ConfigError for a plan that cannot be carried out, or a folder of another scene.
+    beside: whether other processes are at work in the folder too.  Raises ConfigError for a plan
+    that cannot be carried out, or a folder of another scene.
     """
 
     def __init__(
@@ -136,19 +140,17 @@ class Sweep:
         folder: Path,
         watcher: SweepWatcher,
         own: Scene | None = None,
-        tell: Tell | None = None,
+        beside: bool = False,
     ) -> None:
-        """tell: passes records on to the process that keeps them, beside which this one runs."""
         self._plan, self._folder, self._watcher = plan, folder, watcher
         self._study = study = Study(plan, own)
-        self.sources = study.sources | users_methods(plan.steppers, plan.preconditioner)
-        self.store = runs_of(folder, tell)
-        if tell is None:
-            records = self.store.records
-            if stale := note_plan(folder, records, plan, study.scene, self.sources):
+        store = runs_of(folder, f"-{os.getpid()}" if beside else "")
+        if not beside:
+            sources = study.sources | users_methods(plan.steppers, plan.preconditioner)
+            if stale := note_plan(folder, store.records, plan, study.scene, sources):
                 watcher.note(stale)
-        jobs = plan.jobs if tell else 1
-        self._runner = Runner(self.store, study.sources, watcher, plan.time_limit, jobs)
+        jobs = plan.jobs if beside else 1
+        self._runner = Runner(store, study.sources, watcher, plan.time_limit, jobs)
         self._evaluator = Evaluator(study, self._runner, folder)
         self._everyone = study.integrators()
 
@@ -160,13 +162,15 @@ class Sweep:
             RunFailed: the disk does not take the results.
         """
         plan = self._plan
-        with _settled_objects(), self._runner.interruption:
+        with self._runner.interruption:
             for space in self._study.spaces():
                 self._evaluator.converged(space)
-            if plan.jobs > 1:  # from here on their runs are known
-                arguments, parts = (plan, self._folder), self._parts()
-                for record in in_processes(plan.jobs, making_parts, arguments, parts):
-                    self._watcher.beside(self._runner.keep(record))
+            if plan.jobs > 1:
+                parts = self._parts()
+                self._watcher.expect(len(parts))
+                for _ in in_processes(plan.jobs, making_parts, (plan, self._folder), parts):
+                    self._watcher.done()
+                self._runner.read(runs_of(self._folder))
             if plan.target_error is None:
                 self._grid([each.grid() for each in self._everyone])
             else:
@@ -176,30 +180,32 @@ class Sweep:
 
     # --- in processes beside each other
 
+    @property
+    def _searches(self) -> bool:
+        """Whether the runs of an integrator depend on one another."""
+        return self._plan.target_error is not None or self._plan.enough is not None
+
     def _parts(self) -> list[Part]:
         """All parts; the shortest steps come first, so that nobody is left with them at the end."""
-        plan, found = self._plan, list[Part]()
-        what = "grid" if plan.target_error is None else "search"
-        for n, integrator in enumerate(self._everyone):
-            if plan.find_limit:
-                found.append(("limit", n, None))
-            if what == "search" or plan.enough is not None:  # what is needed shows on the way
-                found.append((what, n, None))
-            else:
-                found += [("grid", n, i) for i in range(len(integrator.grid()))]
-        return sorted(found, key=lambda part: part[2] or 0, reverse=True)
+        everyone, places = range(len(self._everyone)), list[Part]()
+        if not self._searches:
+            places = [(n, i) for n in everyone for i in range(len(self._everyone[n].grid()))]
+        places.sort(key=lambda part: part[1] or 0, reverse=True)
+        alone = self._searches or self._plan.find_limit
+        return places + ([(n, None) for n in everyone] if alone else [])
 
     def make(self, part: Part) -> None:
         """Make a part of all runs."""
-        what, number, place = part
+        number, place = part
         integrator = self._everyone[number]
-        if what == "limit":
+        if place is not None:
+            self._grid([[integrator.grid()[place]]])
+        elif self._plan.target_error is not None:
+            self._search([integrator], self._plan.target_error)
+        elif self._plan.enough is not None:
+            self._grid([integrator.grid()])
+        if place is None and self._plan.find_limit:
             self._find_limit(integrator)
-        elif what == "search":
-            self._search([integrator], self._plan.target_error or 0.0)
-        else:
-            runs = integrator.grid()
-            self._grid([runs if place is None else [runs[place]]])
 
     # --- grid
 
@@ -252,10 +258,8 @@ class Sweep:
         )
         if len(repeats) > MOST_REPEATS * wanted:  # some of which failed
             return False
-        if len(times) < wanted:
-            return True
-        agree = wanted < 2 or times[1] <= (1.0 + AGREE) * times[0]
-        return not agree and len(times) < MOST_REPEATS * wanted
+        agree = wanted < 2 or (len(times) > 1 and times[1] <= (1.0 + AGREE) * times[0])
+        return len(times) < (wanted if agree else MOST_REPEATS * wanted)
 
     # --- the longest stable step
 
@@ -352,17 +356,6 @@ class Sweep:
         return math.inf if value is None else value
 
 
-def making_parts(tell: Tell, plan: SweepPlan, folder: Path) -> Callable[[Part], None]:
-    """Gets a process beside others ready to make parts of a sweep."""
-    return Sweep(plan, folder, SweepWatcher(), tell=tell).make
-
-
-@contextmanager
-def _settled_objects() -> Iterator[None]:
-    """Within the block, garbage is looked for only among what is made in it, which is quick."""
-    gc.collect()
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
+def making_parts(plan: SweepPlan, folder: Path) -> Callable[[Part], None]:
+    """Get a process beside others ready to make parts of a sweep."""
+    return Sweep(plan, folder, SweepWatcher(), beside=True).make

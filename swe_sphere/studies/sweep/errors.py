@@ -11,21 +11,16 @@ import xarray as xr
 from swe_sphere.files.durable import write_whole
 from swe_sphere.io.norms import Norms
 from swe_sphere.io.reference_solution import OnGrid, Reference
-from swe_sphere.io.scalar_fields import at_nodes
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.diagnostics import Fields, exact_fields, flow_errors, slow_errors
 from swe_sphere.studies.record_store import as_netcdf
 from swe_sphere.studies.sweep.record import Errors, RunRecord
 from swe_sphere.studies.sweep.runner import KEPT, Runner
-from swe_sphere.studies.sweep.runs import Discretisation, History, Integrator, RunSpec, Study
+from swe_sphere.studies.sweep.runs import CONVERGED_STEPPER, Discretisation, History, RunSpec, Study
 
 CONVERGED = "converged"
 """Folder of the fields of reference runs."""
-LONGEST = 2.8
-"""Step, in gravity limits, that stands for the stability limit of an implicit converged run."""
-FINER = ("rk4", 0.85)
-"""Stepper of the finer run, and its step as a part of its stability limit."""
 
 
 class Evaluator:
@@ -61,11 +56,9 @@ class Evaluator:
         """
         key = (space.mesh.ne, space.mesh.np)
         if key not in self._converged:
-            plan = self._study.plan
-            integrator = self._integrator(self._study.at(*key), plan.converged_stepper)
-            gravity = integrator.space.limits["gravity_limit"]
-            limit = min(integrator.stable_dt, LONGEST * gravity)
-            twice = self._study.steps(2.0 * plan.converged_part * limit)
+            study = self._study
+            integrator = study.integrator(study.at(*key), CONVERGED_STEPPER)
+            twice = study.steps(2.0 * study.plan.converged_part * integrator.stable_dt)
             once = replace(twice, dt=0.5 * twice.dt, steps=2 * twice.steps,
                            frame_steps=2 * twice.frame_steps)  # fmt: skip
             coarse, fine = (
@@ -91,49 +84,6 @@ class Evaluator:
             errors = Errors.of("time", apart, share) + self._total_errors(space, fields)
             self._keep(spec, record.model_copy(update={"errors": errors}), fields)
 
-    # --- in total
-
-    def _total_errors(self, space: Discretisation, history: History) -> list[Errors]:
-        """The total errors alone."""
-        found: dict[float, Norms] = {}
-        for day, fields in history.items():
-            key = (space.identity, day)
-            if key not in self._right:
-                self._right[key] = self._reference(space, day)
-            right = self._right[key]
-            if isinstance(right, OnGrid):
-                whole = fields | {"b": space.sim.start["b"]}
-                found[day] = right.errors(whole, space.scene.error_field)
-            elif right is not None:
-                found[day] = flow_errors(space.sim.model, fields, right)
-        return Errors.of("total", found)
-
-    def _reference(self, space: Discretisation, day: float) -> OnGrid | Fields | None:
-        """What a file holds, the exact solution at the nodes, or that of the finer run there."""
-        total = self._study.total
-        if day in total.files:
-            return OnGrid(Reference(total.files[day]), space.mesh)
-        if total.kind == "exact":  # its vorticity is that of the exact wind on the mesh
-            fields = exact_fields(space.sim.model, day * DAY)
-            return fields | {"vorticity": vorticity(space.mesh, fields["u"], fields["v"])}
-        if total.kind != "finer":
-            return None
-        stepper, part = FINER
-        fine = self._study.at(total.finer, max(self._study.np))
-        integrator = self._integrator(fine, stepper)
-        spec = integrator.run(part * integrator.stable_dt, "converged")
-        history = self._kept(spec)
-        if history is None:
-            self._keep(spec, *self._runner.make(spec))
-            history = self._kept(spec) or {}
-        return at_nodes(fine.mesh, history[day], space.mesh) if day in history else None
-
-    # --- runs made to be compared with
-
-    def _integrator(self, space: Discretisation, stepper: str) -> Integrator:
-        config = space.config.model_copy(update={"stepper": stepper})
-        return Integrator(config, space, self._study)
-
     def _kept(self, spec: RunSpec) -> History | None:
         """Fields at report days of a run, none if it failed; None where it is yet to be made."""
         known = self._runner.known(spec)
@@ -156,3 +106,30 @@ class Evaluator:
             write_whole(self._folder / f"{spec.key}.nc", as_netcdf(whole))
         if self._runner.known(spec) is None:
             self._runner.keep(record)
+
+    # --- in total
+
+    def _total_errors(self, space: Discretisation, history: History) -> list[Errors]:
+        """The total errors alone: against a file of the day, or the exact solution at the nodes."""
+        found: dict[float, Norms] = {}
+        for day, fields in history.items():
+            key = (space.identity, day)
+            if key not in self._right:
+                self._right[key] = self._reference(space, day)
+            right = self._right[key]
+            if isinstance(right, OnGrid):
+                whole = fields | {"b": space.sim.start["b"]}
+                found[day] = right.errors(whole, space.scene.error_field)
+            elif right is not None:
+                found[day] = flow_errors(space.sim.model, fields, right)
+        return Errors.of("total", found)
+
+    def _reference(self, space: Discretisation, day: float) -> OnGrid | Fields | None:
+        if self._study.files:
+            path = self._study.files.get(day)
+            return OnGrid(Reference(path), space.mesh) if path else None
+        if space.scene.exact is None:
+            return None
+        fields = exact_fields(space.sim.model, day * DAY)
+        # its vorticity is that of the exact wind on the mesh
+        return fields | {"vorticity": vorticity(space.mesh, fields["u"], fields["v"])}

@@ -21,7 +21,6 @@ from swe_sphere.files.fingerprints import processor, versions
 from swe_sphere.io.norms import Norms
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.studies.ended import ENDS
-from swe_sphere.studies.jobs import Tell
 from swe_sphere.studies.record_store import Record, Store, read_record
 from swe_sphere.studies.sweep.runs import Role
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
@@ -118,9 +117,9 @@ def read_header(folder: Path) -> Header | None:
     return read_record(path, Header) if path.exists() else None
 
 
-def runs_of(folder: Path, tell: Tell | None = None) -> Store[RunRecord]:
-    """The runs in a folder of a sweep; tell: passes new ones on to the process that keeps them."""
-    return Store(folder / RUNS, RunRecord, tell)
+def runs_of(folder: Path, suffix: str = "") -> Store[RunRecord]:
+    """The runs in a folder of a sweep; suffix: of the names of new files."""
+    return Store(folder / RUNS, RunRecord, suffix)
 
 
 def current(runs: Iterable[RunRecord], sources: Mapping[str, str]) -> list[RunRecord]:

@@ -1,14 +1,12 @@
-"""What the total errors of a sweep are taken against: files, the exact solution, a finer run."""
+"""Files of independent solutions: what the total errors of a sweep are taken against."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
 
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.fingerprints import file_fingerprint
 from swe_sphere.io.reference_solution import Reference, shipped_reference
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.build import make_scene
@@ -24,51 +22,16 @@ SHIPPED: dict[str, tuple[str, tuple[str, ...]]] = {
 """Solutions that come with the package: the scene and the settings of each."""
 
 
-@dataclass(frozen=True)
-class TotalReference:
-    """What the total error is taken against, before anything is computed."""
+def reference_files(
+    plan: SweepPlan, scene: Scene, report_days: Sequence[float]
+) -> dict[float, Path]:
+    """Files by report day: those of the user, else of scenes without exact solution the package's.
 
-    kind: str
-    """exact, file, finer or none."""
-    files: Mapping[float, Path] = field(default_factory=dict)
-    """Paths of reference solutions, by report day."""
-    finer: int = 0
-    """ne of the finer run."""
-
-    @property
-    def sources(self) -> dict[str, str]:
-        """Fingerprints of the files, by what they are."""
-        return {
-            f"the reference of day {day:g}": file_fingerprint(path)
-            for day, path in self.files.items()
-        }
-
-    @property
-    def name(self) -> str:
-        """The reference in words, the contents of files included as a fingerprint."""
-        if self.kind == "file":
-            return str(self.sources)
-        return f"finer run, ne {self.finer}" if self.kind == "finer" else self.kind
-
-
-def choose_reference(
-    plan: SweepPlan, scene: Scene, report_days: Sequence[float], ne: Sequence[int]
-) -> TotalReference:
-    """Files of the user, else the exact solution, else files of the package, else a finer run.
-
-    The finer run has the ne that the plan says, else, where nothing else is known, twice the
-    largest one of the sweep.  Raises ConfigError for a file that cannot be read or is of no report
-    day.
+    Raises ConfigError for a file that cannot be read or is of no report day.
     """
     if plan.reference:
-        return TotalReference("file", dict(_of_user(path, report_days) for path in plan.reference))
-    if plan.finer:
-        return TotalReference("finer", finer=plan.finer)
-    if scene.exact is not None:
-        return TotalReference("exact")
-    if files := _shipped(scene, report_days):
-        return TotalReference("file", files)
-    return TotalReference("finer" if plan.finer is None else "none", finer=2 * max(ne))
+        return dict(_of_user(path, report_days) for path in plan.reference)
+    return {} if scene.exact is not None else _shipped(scene, report_days)
 
 
 def _of_user(path: Path, report_days: Sequence[float]) -> tuple[float, Path]:

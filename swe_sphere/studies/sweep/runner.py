@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
 
-from swe_sphere.errors import ConfigError, RunFailed, in_one_line
+import numpy as np
+
+from swe_sphere.errors import ConfigError, RunFailed, SweError, in_one_line
 from swe_sphere.io.integrals import DRIFTS
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Snapshot
 from swe_sphere.simulation.loop import Interruption
 from swe_sphere.simulation.observers import Observer, Ticker
 from swe_sphere.simulation.simulation import Simulation
-from swe_sphere.studies.ended import Ended, attempt, stepped
+from swe_sphere.studies.ended import BREAKDOWNS, Ended, stepped
 from swe_sphere.studies.peak_memory import begin_peak, peak_memory
 from swe_sphere.studies.record_store import Store
 from swe_sphere.studies.sweep.record import Errors, RunRecord, current
@@ -24,19 +26,35 @@ COUNTS = (
     "rhs_evaluations", "tangent_evaluations", "preconditioner_applications",
     "newton_iterations", "krylov_iterations", "rejected_steps",
 )  # fmt: skip
-
 KEPT = ("u", "v", "h", "vorticity")
 """Fields of a state of which errors are taken."""
-
 TIMES = ("wall_seconds", "cpu_seconds", "setup_seconds", "compile_seconds", "total_seconds")
 """Numbers that are not told of runs that were not alone."""
-
 WARM_STEPS = 2
 """Steps before the clock runs: the second of a two-step method is its first real one."""
 
 
+class SweepWatcher:
+    """Is told how a sweep is going; this one does nothing."""
+
+    def expect(self, runs: int) -> None:
+        """So many runs more are to come."""
+
+    def begin(self, spec: RunSpec) -> None:
+        """A run is about to be made."""
+
+    def tick(self, step: int) -> None:
+        """So many of its steps are done; called about ten times a second."""
+
+    def done(self) -> None:
+        """One of them is there, a new one or one from before."""
+
+    def note(self, text: str) -> None:
+        """Something the user should know, in one line."""
+
+
 class Snapshots(Observer):
-    """An observer that keeps the fields at report days."""
+    """Keeps the fields after some steps, by the report days of these."""
 
     def __init__(self, days: dict[int, float]) -> None:
         self._days = days
@@ -73,7 +91,7 @@ def execute(
         sim = _begun(spec)
     except (ConfigError, RunFailed) as error:
         return Ended("refused", in_one_line(error)), {}
-    snapshots = Snapshots(spec.report_steps())
+    snapshots = Snapshots({round(day * DAY / spec.dt): day for day in spec.report_days})
     ended = stepped(sim, [snapshots, Ticker(tick)], time_limit, interruption)
     counts = sim.counts()
     ended.numbers = {
@@ -94,14 +112,12 @@ def warm_up(spec: RunSpec) -> float:
 
     What fails here fails again in the run, where it is told.
     """
-
-    def work() -> Ended:
+    with suppress(SweError, *BREAKDOWNS), np.errstate(all="ignore"):
         sim = _begun(spec)
         for _ in range(WARM_STEPS):
             sim.step()
-        return Ended(numbers={"compile_seconds": sim.model.compile_seconds})
-
-    return attempt(work).numbers.get("compile_seconds", math.nan)
+        return sim.model.compile_seconds
+    return math.nan
 
 
 def _begun(spec: RunSpec) -> Simulation:
@@ -113,52 +129,34 @@ def _begun(spec: RunSpec) -> Simulation:
     return sim
 
 
-class SweepWatcher:
-    """Is told how a sweep is going; this one does nothing."""
-
-    def expect(self, runs: int) -> None:
-        """So many runs more are to come."""
-
-    def begin(self, spec: RunSpec) -> None:
-        """A run is about to be made."""
-
-    def tick(self, step: int) -> None:
-        """So many of its steps are done; called about ten times a second."""
-
-    def done(self, spec: RunSpec, record: RunRecord) -> None:
-        """There is a record of a run, a new one or one from before."""
-
-    def beside(self, record: RunRecord) -> None:
-        """Another process has made a run."""
-
-    def note(self, text: str) -> None:
-        """Something the user should know, in one line."""
-
-
-TakeErrors = Callable[[Discretisation, History], list[Errors]]
-"""Takes the errors of the fields at report days."""
-
-
-@dataclass
 class Runner:
-    """Makes runs; every one ends as a record in the store before the next begins."""
+    """Makes runs; every one ends as a record in the store before the next begins.
 
-    store: Store[RunRecord]
-    sources: dict[str, str]
-    """Of what all runs are made; records of others are not known here."""
-    watcher: SweepWatcher
-    time_limit: float | None
-    """Wall time of the steps of a run [s]."""
-    jobs: int = 1
-    """How many processes are at work beside each other."""
+    sources: of what all runs are made; records of others are not known here.  time_limit: wall time
+    of the steps of a run [s].  jobs: how many processes are at work beside each other.
+    """
 
-    def __post_init__(self) -> None:
-        runs = current(self.store.records, self.sources)
-        self._known = {(run.key, run.repeat): run for run in runs}
+    def __init__(
+        self,
+        store: Store[RunRecord],
+        sources: dict[str, str],
+        watcher: SweepWatcher,
+        time_limit: float | None,
+        jobs: int,
+    ) -> None:
+        self._sources, self._watcher, self._jobs = sources, watcher, jobs
+        self.time_limit = time_limit
+        self.read(store)
         self._warm: set[Integrator] = set()
         self.interruption = Interruption()
         self.spent = 0.0
         """Wall time of the steps of all runs made here [s]."""
+
+    def read(self, store: Store[RunRecord]) -> None:
+        """Take the runs of a store for known, and keep new ones there."""
+        self._store = store
+        runs = current(store.records, self._sources)
+        self._known = {(run.key, run.repeat): run for run in runs}
 
     def known(self, spec: RunSpec, repeat: int = 0) -> RunRecord | None:
         """The record of a run that need not be made again.
@@ -175,7 +173,12 @@ class Runner:
         """The records of a run."""
         return [run for (key, _), run in self._known.items() if key == spec.key]
 
-    def run(self, spec: RunSpec, evaluate: TakeErrors | None = None, repeat: int = 0) -> RunRecord:
+    def run(
+        self,
+        spec: RunSpec,
+        evaluate: Callable[[Discretisation, History], list[Errors]] | None = None,
+        repeat: int = 0,
+    ) -> RunRecord:
         """The record of a run: the known one, or that of a new run.
 
         evaluate: takes its errors.
@@ -187,11 +190,9 @@ class Runner:
         record = self.known(spec, repeat)
         if record is None:
             record, fields = self.make(spec, self.time_limit, repeat)
-            if evaluate:
-                found = evaluate(spec.integrator.space, fields)
-                record = record.model_copy(update={"errors": found})
-            record = self.keep(record)
-        self.watcher.done(spec, record)
+            errors = evaluate(spec.integrator.space, fields) if evaluate else []
+            record = self.keep(record.model_copy(update={"errors": errors}))
+        self._watcher.done()
         return record
 
     def make(
@@ -199,27 +200,27 @@ class Runner:
     ) -> tuple[RunRecord, History]:
         """Make a run, warm: its record, yet without errors, and its fields at the report days."""
         self.interruption.check()
-        self.watcher.begin(spec)
+        self._watcher.begin(spec)
         compiled = 0.0
         if spec.integrator not in self._warm and spec.refusal is None:
             self._warm.add(spec.integrator)
             compiled = warm_up(spec)
-        ended, fields = execute(spec, self.interruption, time_limit, self.watcher.tick)
+        ended, fields = execute(spec, self.interruption, time_limit, self._watcher.tick)
         numbers = ended.numbers
         self.spent += numbers.get("wall_seconds", 0.0)
         if "compile_seconds" in numbers:
             numbers["compile_seconds"] += compiled
-        untold = dict.fromkeys(TIMES if self.jobs > 1 else ())
+        untold = dict.fromkeys(TIMES if self._jobs > 1 else ())
         record = RunRecord(
             key=spec.key, repeat=repeat, role=spec.role, config=spec.resolved,
             status=ended.status, reason=ended.reason,
             numbers=numbers | spec.integrator.space.limits | untold, errors=[],
-            time_limit=self.time_limit, sources=self.sources | spec.integrator.sources,
-            jobs=self.jobs,
+            time_limit=self.time_limit, sources=self._sources | spec.integrator.sources,
+            jobs=self._jobs,
         )  # fmt: skip
         return record, fields
 
     def keep(self, record: RunRecord) -> RunRecord:
-        """Write a record that was made here or by another process."""
-        kept = self._known[record.key, record.repeat] = self.store.add(record)
+        """Write a record."""
+        kept = self._known[record.key, record.repeat] = self._store.add(record)
         return kept

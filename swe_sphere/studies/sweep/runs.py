@@ -36,7 +36,7 @@ from swe_sphere.simulation.restart import identity, run_sources
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS, Stepper, get_stepper
-from swe_sphere.studies.sweep.reference import choose_reference
+from swe_sphere.studies.sweep.reference import reference_files
 from swe_sphere.studies.sweep.steps import dt_sequence, halved
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
@@ -48,6 +48,8 @@ History = dict[float, Fields]
 Role = Literal["grid", "target", "stability", "converged"]
 """What a run is made for: a grid, a search for an error or for the longest stable step, or to be
 compared with."""
+CONVERGED_STEPPER = "rk4"
+"""Explicit stepper of the time-converged run."""
 SESSION = uuid.uuid4().hex
 """In the place of the fingerprint of code that is in no file: nothing of it is known later."""
 
@@ -63,14 +65,15 @@ class Discretisation:
         self.config, self._own = config, own
         self.scene = make_scene(config, own)
         self.mesh = make_mesh(config, self.scene)
-        self._radii: dict[object, Spectrum] = {}
+        self._spectra: dict[object, Spectrum] = {}
 
     @cached_property
     def identity(self) -> str:
         """The same for all discretisations of the same settings, files and code."""
-        device, launch = self.config.device, self.config.launch
-        same = identity(self.config, self.scene, self.mesh) | {"device": device, "launch": launch}
-        same |= {"stepper": None, "code": code_fingerprint()}
+        same = identity(self.config, self.scene, self.mesh) | {
+            "device": self.config.device, "launch": self.config.launch, "stepper": None,
+            "code": code_fingerprint(),
+        }  # fmt: skip
         if self._own is not None:  # its functions may hang on more than its parameters
             same |= {name: str(values.tobytes()) for name, values in self.sim.start.items()}
         return fingerprint(same)
@@ -106,10 +109,10 @@ class Discretisation:
     def stable_dt(self, kind: type[Stepper]) -> float:
         """Largest stable step [s] of a stepper at the start, about; infinite if there is none."""
         how = kind.spectrum.__func__  # type: ignore[attr-defined]
-        if how not in self._radii:
+        if how not in self._spectra:
             model = self.sim.model
-            self._radii[how] = kind.spectrum(model, model.initial_state())
-        return kind.limit(self._radii[how])
+            self._spectra[how] = kind.spectrum(model, model.initial_state())
+        return kind.limit(self._spectra[how])
 
 
 class Study:
@@ -131,7 +134,8 @@ class Study:
         """The longest time [s] of which all report times are multiples, to the millisecond."""
         self.slow = scene.sheds_waves if plan.slow is None else plan.slow
         """Whether errors of the slow flow are taken."""
-        self.total = choose_reference(plan, scene, self.report_days, self.ne)
+        self.files = reference_files(plan, scene, self.report_days)
+        """Independent solutions by report day; without any the exact one counts, if there is."""
 
     def at(self, ne: int, np: int, precision: str = "float64") -> Discretisation:
         """The scene on the mesh and in the precision, made when it is first asked for."""
@@ -153,14 +157,18 @@ class Study:
         found = []
         for space, stepper in product(self.spaces(), self.plan.steppers):
             takes = inspect.signature(get_stepper(stepper)).parameters
-            chosen: dict[str, object] = {"stepper": stepper}
-            if "tolerance" in takes:
-                chosen["tolerance"] = self.plan.tolerance
+            tolerance = self.plan.tolerance if "tolerance" in takes else None
             names = self.plan.preconditioner if "preconditioner" in takes else ()
-            for name in names or (None,):
-                config = space.config.model_copy(update=chosen | {"preconditioner": name})
-                found.append(Integrator(config, space, self))
+            found += [
+                self.integrator(space, stepper, tolerance=tolerance, preconditioner=name)
+                for name in names or (None,)
+            ]
         return [*dict.fromkeys(found)]
+
+    def integrator(self, space: Discretisation, stepper: str, **options: object) -> Integrator:
+        """A stepper on a mesh."""
+        chosen = {"stepper": stepper, **options}
+        return Integrator(space.config.model_copy(update=chosen), space, self)
 
     def steps(self, dt: float) -> RunPlan:
         """Steps of at most dt [s] that meet all report times; ConfigError where no step does."""
@@ -170,10 +178,10 @@ class Study:
         """What the errors of a run are taken against: part of its identity."""
         if role == "stability":
             return ()
+        files = {day: file_fingerprint(path) for day, path in self.files.items()}
         if role == "converged":
-            return ("reference run", self.total.name)
-        time = f"{self.plan.converged_stepper} at {self.plan.converged_part:g} of its limit"
-        return (time, self.total.name, *(["slow flow"] if self.slow else []))
+            return ("reference run", str(files))
+        return (str(self.plan.converged_part), str(files), *(["slow flow"] if self.slow else []))
 
     @cached_property
     def sources(self) -> dict[str, str]:
@@ -190,7 +198,9 @@ class Study:
         return {
             "the code of swe_sphere": code_fingerprint(),
             "the processor": processor(find_device(self.plan.device)),
-            "the scene": origin, **files, **self.total.sources,
+            "the scene": origin, **files,
+            **{f"the reference of day {day:g}": file_fingerprint(path)
+               for day, path in self.files.items()},
         }  # fmt: skip
 
 
@@ -211,9 +221,9 @@ class Integrator:
     @property
     def label(self) -> str:
         """The stepper and its discretisation in words."""
-        with_ = f" {self.config.preconditioner}" if self.config.preconditioner else ""
-        mesh = f"ne{self.config.ne} np{self.config.np} {self.config.precision}"
-        return f"{self.config.stepper}{with_}, {mesh}"
+        config = self.config
+        method = " ".join(filter(None, (config.stepper, config.preconditioner)))
+        return f"{method}, ne{config.ne} np{config.np} {config.precision}"
 
     @cached_property
     def refusal(self) -> str | None:
@@ -320,10 +330,6 @@ class RunSpec:
         chosen = self.integrator.options.get("preconditioner") or self.config.preconditioner
         named = kind.name if is_user_file(stepper) else stepper
         return self.config.model_copy(update={"stepper": named, "preconditioner": chosen})
-
-    def report_steps(self) -> dict[int, float]:
-        """The report days by the steps after which they come."""
-        return {round(day * DAY / self.dt): day for day in self.report_days}
 
 
 def users_methods(steppers: Iterable[str], preconditioners: Iterable[str]) -> dict[str, str]:

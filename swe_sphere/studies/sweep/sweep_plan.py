@@ -130,12 +130,8 @@ class SweepPlan(SharedConfig):
     """In which norm."""
     reference: Paths = ()
     """Lat-lon reference solution of a report day; repeatable."""
-    finer: Annotated[Whole, Field(ge=0)] | None = None
-    """ne of a finer run for the total error, 0 for none; by default where nothing else is known."""
-    converged_stepper: str = "rk4"
-    """Explicit stepper of the time-converged run."""
     converged_part: Annotated[Number, Field(gt=0.0, le=0.5)] = 0.25
-    """Its step as a part of its stability limit; a run of twice the step checks it."""
+    """Step of the time-converged run as a part of its stability limit."""
     slow: bool | None = None
     """Whether to take the slow-flow error; by default where the start of the scene sheds waves."""
     settings: Names = ()
@@ -163,7 +159,7 @@ def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> Sweep
     if plan.budget is not None and plan.target_error is None:
         raise ConfigError("budget: only a search has one: give target-error too, or leave it out")
     made = make_scene(plan.run_config(), scene)
-    for name in (*plan.steppers, plan.converged_stepper):
+    for name in plan.steppers:
         get_stepper(name)
     for name in plan.preconditioner:
         PRECONDITIONERS.find(name)

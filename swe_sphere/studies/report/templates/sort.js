@@ -6,10 +6,13 @@ for (const head of document.querySelectorAll(".rows th")) {
     for (const other of head.parentNode.children) other.removeAttribute("aria-sort");
     head.setAttribute("aria-sort", up ? "ascending" : "descending");
     const body = head.closest("table").tBodies[0];
-    const key = (row) => row.cells[head.cellIndex].dataset.sort.replace(/^(nan|-?inf)$/, "");
+    const key = (row) => {
+      const text = row.cells[head.cellIndex].textContent.replace("−", "-").replace("–", "");
+      return isNaN(parseFloat(text)) ? text : parseFloat(text);
+    };
     const compare = (a, b) => {
       if (key(a) === "" || key(b) === "") return (key(a) === "") - (key(b) === "");
-      const order = isNaN(key(a)) || isNaN(key(b)) ? key(a).localeCompare(key(b)) : key(a) - key(b);
+      const order = isNaN(key(a)) || isNaN(key(b)) ? String(key(a)).localeCompare(key(b)) : key(a) - key(b);
       return up ? order : -order;
     };
     body.append(...[...body.rows].sort(compare));
