@@ -17,7 +17,7 @@ from swe_sphere.ranks.communicator import OF_RANKS, refuse_ranks, world
 
 COMMANDS = {
     "list": "files:list_all", "run": "run:run", "sweep": "sweep:sweep",
-    "advise": "advise:advise", "plot": "files:plot", "animate": "files:animate",
+    "advise": "sweep:advise", "plot": "files:plot", "animate": "files:animate",
     "compare": "files:compare", "regrid": "files:regrid",
     "verify": "studies:verify", "stress": "studies:stress", "ensemble": "studies:ensemble",
 }  # fmt: skip

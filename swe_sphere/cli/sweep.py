@@ -1,23 +1,34 @@
-"""`swe-sphere sweep`: flags and recipes to plans, runs with a progress bar, and the answer."""
+"""`swe-sphere sweep` and `advise`: plans, runs with a progress bar, and the answer."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from swe_sphere.cli.options import given, with_flags
-from swe_sphere.cli.show_sweep import show_sweep, watched
+from swe_sphere.cli.show import print_table
+from swe_sphere.compiling import COMPILING, on_compile
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.files.durable import clear_errors
+from swe_sphere.settings.values import validated
+from swe_sphere.simulation.loop import Interrupted
+from swe_sphere.studies.advise import Question
+from swe_sphere.studies.advise import advise as advice_on
 from swe_sphere.studies.pages import MARK
-from swe_sphere.studies.sweep import SweepPlan, make_plan, run_plan
+from swe_sphere.studies.sweep import SweepPlan, SweepWatcher, make_plan, run_plan
 from swe_sphere.studies.sweep.sweep_plan import Recipe, folder_of, load_recipe
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from swe_sphere.studies.report import Ranking
+    from swe_sphere.studies.sweep.runs import RunSpec
 
 RECIPES_ONLY = ("converged_part", "slow", "spin", "longest", "enough", "name")
 """Fields of a plan without a flag."""
@@ -54,7 +65,7 @@ def sweep(
         compared = dataset["status"].where(dataset["role"].isin(["grid", "target"]))
         completed |= bool((compared == "completed").any())
         if not mapped and not quiet:
-            show_sweep(dataset)
+            _show_sweep(dataset)
     if loaded is not None and mapped:
         from swe_sphere.studies.regimes import write_map
 
@@ -67,11 +78,29 @@ def sweep(
             if folder not in datasets:
                 datasets[folder] = write_dataset(folder)
                 if report_only and not quiet:
-                    show_sweep(datasets[folder])
+                    _show_sweep(datasets[folder])
         page = write_report(_by_name(datasets, out, loaded), out, recipe=loaded)
     if not quiet:
         typer.echo(page)
     return 0 if completed else RunFailed.exit_status
+
+
+@with_flags(Question, argument="scene")
+def advise(**values: Any) -> None:
+    """Measure which stepper and step are cheapest for an error, and print the command."""
+    if values["error"] is None:
+        raise ConfigError("error: say how large the error may be at the end (--error 1e-3)")
+    question = validated(Question, given(values, Question))
+    with _watched(question.scene, False, "interrupted by Ctrl-C") as terminal:
+        advice = advice_on(question, terminal)
+    shorter = (
+        f"of {advice.of_days:g} days, with {advice.ranking.targets[0]:.2g} in the place of"
+        f" {question.error:g}: errors are taken to grow in proportion to the days."
+    )
+    rest = "days." if advice.days == advice.of_days else shorter
+    typer.echo(f"Measured over {advice.days:g} {rest}")
+    _show_rankings([advice.ranking])
+    typer.echo(f"  {advice.command}")
 
 
 def _planned(
@@ -110,15 +139,6 @@ def _check_pages(out: Path, marks: Mapping[str, str]) -> None:
                 )
 
 
-def _carried_out(plan: SweepPlan, folder: Path, quiet: bool) -> xr.Dataset:
-    interrupted = (
-        f"interrupted by Ctrl-C; {folder} keeps the runs that are finished, and the same command"
-        " goes on from there"
-    )
-    with watched(plan.scene, quiet, interrupted) as terminal:
-        return run_plan(plan, folder, terminal)
-
-
 def _by_name(
     datasets: Mapping[Path, xr.Dataset], out: Path, recipe: Recipe | None
 ) -> dict[str, xr.Dataset]:
@@ -131,3 +151,89 @@ def _by_name(
     }
     names = sorted(named, key=lambda name: order.index(name) if name in order else len(order))
     return {name: named[name] for name in names}
+
+
+# --- on the terminal
+
+
+class SweepTerminal(SweepWatcher):
+    """Notes on stderr; a progress bar there too if it is a terminal and nobody minds."""
+
+    def __init__(self, title: str, quiet: bool) -> None:
+        from tqdm import tqdm
+
+        self._quiet = quiet
+        self._bar: Any = tqdm(
+            total=0, desc=title, unit="run", leave=False, file=sys.stderr,
+            disable=quiet or not sys.stderr.isatty(),
+        )  # fmt: skip
+        self.close = self._bar.close
+
+    def expect(self, runs: int) -> None:
+        """Lengthen the bar."""
+        self._bar.total += runs
+        self._bar.refresh()
+
+    def begin(self, spec: RunSpec) -> None:
+        """Say what is running."""
+        self._steps = 0 if spec.steps is None else spec.steps.steps
+        self._label = spec.label
+        self._bar.set_postfix_str(spec.label)
+
+    def tick(self, step: int) -> None:
+        """Say how far it is."""
+        self._bar.set_postfix_str(f"{self._label}, step {step} of {self._steps}")
+
+    def done(self) -> None:
+        """Move the bar."""
+        self._bar.update()
+
+    def note(self, text: str) -> None:
+        """Print it."""
+        if not self._quiet:
+            self._bar.write(text, file=sys.stderr)
+
+
+@contextmanager
+def _watched(title: str, quiet: bool, interrupted: str) -> Iterator[SweepTerminal]:
+    """Show how a sweep in the block goes; Ctrl-C stops the command with that text."""
+    terminal = SweepTerminal(title, quiet)
+    try:
+        with closing(terminal), on_compile(lambda: terminal.note(COMPILING)):
+            yield terminal
+    except (Interrupted, KeyboardInterrupt):
+        raise Interrupted(interrupted) from None
+
+
+def _carried_out(plan: SweepPlan, folder: Path, quiet: bool) -> xr.Dataset:
+    interrupted = (
+        f"interrupted by Ctrl-C; {folder} keeps the runs that are finished, and the same command"
+        " goes on from there"
+    )
+    with _watched(plan.scene, quiet, interrupted) as terminal:
+        return run_plan(plan, folder, terminal)
+
+
+def _show_sweep(dataset: xr.Dataset) -> None:
+    """Who reaches which error at which cost, mesh by mesh, and how runs failed."""
+    from swe_sphere.studies.report import sweep_rankings
+
+    found = sweep_rankings(dataset)
+    _show_rankings(found)
+    if not found:
+        typer.echo(f"{dataset.attrs['scene']}: no run has an error that could be compared")
+    ends = dataset[["stepper", "status", "reason"]].to_dataframe()
+    for (stepper, status, reason), count in Counter(ends.itertuples(False, None)).items():
+        times = f"{count} × " if count > 1 else ""
+        if reason:
+            typer.echo(f"{times}{stepper}, {status}: {reason}")
+
+
+def _show_rankings(found: Sequence[Ranking]) -> None:
+    """The headline and the table of each, and how to read the last."""
+    for ranking in found:
+        typer.echo(ranking.headline)
+        if any(run is not None for row in ranking.lines.values() for run in row[:-1]):
+            print_table(ranking.heads, ranking.body)
+    if found:
+        typer.echo(found[-1].caption)

@@ -7,7 +7,7 @@ import shlex
 import tempfile
 import time
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import warp as wp
 from pydantic import BeforeValidator, Field
@@ -25,10 +25,12 @@ from swe_sphere.simulation.config import (
     make_config,
 )
 from swe_sphere.steppers import get_stepper
-from swe_sphere.studies.report import Ranking, sweep_rankings
 from swe_sphere.studies.sweep import SweepWatcher, make_plan, run_plan
 from swe_sphere.studies.sweep.runs import Discretisation
 from swe_sphere.studies.sweep.sweep_plan import stepper_names
+
+if TYPE_CHECKING:
+    from swe_sphere.studies.report import Ranking
 
 REPRESENTATIVES = ("forward-backward", "rk4", "semi-implicit", "epi2", "tr-bdf2")
 """Steppers that are measured: of each family the one that is cheapest at most places of the map
@@ -95,6 +97,8 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
             or no stepper is found that has the error.
         Interrupted: the user asked to stop.
     """
+    from swe_sphere.studies.report import sweep_rankings  # matplotlib takes its time to import
+
     apart = {"error", "budget", "steppers"}
     common = question.model_dump(exclude=apart, exclude_unset=True, exclude_none=True)
     space = Discretisation(make_config(common))
