@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.resources import files
+from itertools import chain
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -38,28 +39,21 @@ from swe_sphere.studies.report.ranking import (
     rankings,
     threshold,
 )
-from swe_sphere.studies.report.table import (
-    MADE_FOR_OTHERS,
-    REPEATABLE,
-    Metric,
-    metrics,
-    read_runs,
-)
+from swe_sphere.studies.report.table import REPEATABLE, Metric, metrics, read_runs
 from swe_sphere.studies.sweep.sweep_plan import Claim, Recipe
 
 TITLE = "What accuracy costs in time"
 
 
-# --- the contents of a page
-
-
 @dataclass(frozen=True, eq=False)
-class OneMesh:
-    """One mesh of a scene."""
+class Section:
+    """The runs of a sweep on one mesh."""
 
-    name: str
-    """Part of the names of files and anchors."""
     title: str
+    """Of the sweep."""
+    mesh: str
+    dataset: Dataset
+    """The whole sweep."""
     runs: pd.DataFrame
     rankings: list[Ranking]
     """The one to rank by first."""
@@ -67,27 +61,21 @@ class OneMesh:
     """Figures of each error, the first ranking's first."""
     diagrams: list[Diagram]
 
-
-@dataclass(frozen=True, eq=False)
-class Section:
-    """The sweep of one scene."""
-
-    title: str
-    dataset: Dataset
-    runs: pd.DataFrame
-    meshes: list[OneMesh]
+    @property
+    def anchor(self) -> str:
+        """Part of the anchors of rows, which are numbered through the sweep."""
+        return _slug(self.title)
 
     @property
     def name(self) -> str:
-        """Part of the names of files and anchors."""
-        return _slug(self.title)
+        """Part of the names of files, and the anchor of the section."""
+        return _slug(f"{self.title} {self.mesh}")
 
     @property
     def headline(self) -> str:
         """One sentence for the top of a page."""
-        told = [mesh.rankings[0].headline for mesh in self.meshes if mesh.rankings]
         none = f"No run of {self.dataset.attrs['scene']} has an error that could be compared."
-        return told[0] if told else none
+        return self.rankings[0].headline if self.rankings else none
 
 
 def sweep_rankings(dataset: Dataset) -> list[Ranking]:
@@ -102,9 +90,10 @@ def sweep_rankings(dataset: Dataset) -> list[Ranking]:
     if target is not None:
         dataset = dataset.isel(run=dataset["role"].values == "target")
     found = []
-    for where, runs in _meshes(read_runs(dataset)).items():
+    for where, runs in read_runs(dataset).groupby(["scene", "mesh"], sort=False):
         by = metrics(runs) if target is None else _searched(runs, plan)
-        found += rankings(runs, by, where, own, [] if target is None else [target])[:1]
+        levels = [] if target is None else [target]
+        found += rankings(runs, by, ", ".join(where), own, levels)[:1]
     return found
 
 
@@ -119,39 +108,26 @@ def _searched(runs: pd.DataFrame, plan: Mapping[str, Any]) -> list[Metric]:
 
 
 def read_sections(datasets: Dataset | Mapping[str, Dataset]) -> list[Section]:
-    """Return one section for each dataset; ConfigError if one is not the dataset of a sweep."""
+    """Return a section for each mesh of sweeps; ConfigError for a dataset of something else."""
     if isinstance(datasets, Dataset):
         datasets = {str(datasets.attrs["scene"]): datasets}
     sections = []
     for title, dataset in datasets.items():
-        runs, own = read_runs(dataset), float(dataset.attrs.get("converged_check", math.nan))
-        meshes = [_mesh(where, of, own) for where, of in _meshes(runs).items()]
-        sections.append(Section(title, dataset, runs, meshes))
+        own = float(dataset.attrs.get("converged_check", math.nan))
+        for (scene, mesh), runs in read_runs(dataset).groupby(["scene", "mesh"], sort=False):
+            found = metrics(runs)
+            ranked = rankings(runs, found, f"{scene}, {mesh}", own)
+            first = [ranking.metric for ranking in ranked[:1]]
+            errors = {m: error_diagrams(runs, m) for m in dict.fromkeys([*first, *found])}
+            drawn = {metric: diagrams for metric, diagrams in errors.items() if diagrams}
+            others = other_diagrams(runs)
+            sections.append(Section(title, mesh, dataset, runs, ranked, drawn, others))
     return sections
-
-
-def _meshes(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """Return the runs of a scene by what they are called: the scene and the mesh."""
-    shown = runs[runs["mesh"].isin(runs.loc[runs["role"] != MADE_FOR_OTHERS, "mesh"])]
-    return {", ".join(of): found for of, found in shown.groupby(["scene", "mesh"], sort=False)}
-
-
-def _mesh(where: str, runs: pd.DataFrame, own: float) -> OneMesh:
-    found = metrics(runs)
-    ranked = rankings(runs, found, where, own)
-    first = [ranking.metric for ranking in ranked[:1]]
-    errors = {m: error_diagrams(runs, m) for m in dict.fromkeys([*first, *found])}
-    drawn = {metric: diagrams for metric, diagrams in errors.items() if diagrams}
-    name = _slug(runs["mesh"].iloc[0])
-    return OneMesh(name, where, runs, ranked, drawn, other_diagrams(runs))
 
 
 def _slug(text: str) -> str:
     """Return a text as a part of file names and anchors."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
-
-
-# --- tables
 
 
 def run_table(runs: pd.DataFrame, short: bool = False) -> pd.DataFrame:
@@ -179,29 +155,29 @@ def csv_text(sections: Sequence[Section]) -> str:
 
     Fields that are not finite are empty.
     """
-    tables = {
-        of.title: of.runs.drop(columns="number").dropna(axis=1, how="all")
-        .rename(columns={m: m.name for m in of.runs if isinstance(m, Metric)})
+    tables = [
+        of.runs.rename(columns={m: m.name for m in of.runs if isinstance(m, Metric)})
+        .assign(dataset=of.title).set_index(["dataset", "number"]).dropna(axis=1, how="all")
         for of in sections
-    }  # fmt: skip
-    table = pd.concat(tables, names=["dataset", "number"])
-    text: str = table.replace([math.inf, -math.inf], math.nan).to_csv()
+    ]  # fmt: skip
+    text: str = pd.concat(tables).replace([math.inf, -math.inf], math.nan).to_csv()
     return text
 
 
-def _verdicts(mesh: OneMesh, claim: Claim) -> Iterator[list[str]]:
+def _verdicts(section: Section, claim: Claim) -> Iterator[list[str]]:
     """Yield lines of a table: the longest steps without loss, and whether that is as claimed.
 
     Of steppers that took steps of as many gravity-wave limits as are claimed.
     """
-    total = {metric.field: metric for metric in mesh.errors if metric.kind == "total"}
+    runs = section.runs
+    total = {metric.field: metric for metric in section.errors if metric.kind == "total"}
     shown = [total[field] for field in ("h", "vorticity") if field in total]
     claimed = f"{words.times(claim.gravity)}, {words.times(claim.advective)}"
-    for label, curve in mesh.runs[mesh.runs["compared"]].groupby("curve"):
+    for label, curve in runs[runs["compared"]].groupby("curve"):
         longest = curve.loc[curve["dt"].idxmax()]
         if longest.gravity_multiple < claim.gravity:
             continue
-        steps = [largest_step(curve, metric, threshold(mesh.runs, metric)) for metric in shown]
+        steps = [largest_step(curve, metric, threshold(runs, metric)) for metric in shown]
         met = [
             "yes" if run is not None and run.gravity_multiple >= claim.gravity
             and run.advective_multiple >= claim.advective else "no"
@@ -210,7 +186,7 @@ def _verdicts(mesh: OneMesh, claim: Claim) -> Iterator[list[str]]:
         each = [f"{answer} ({m.symbol})" for answer, m in zip(met, shown, strict=True)]
         verdict = met[0] if len({*met}) == 1 else ", ".join(each)
         cells = map(_step_text, (*steps, longest))
-        yield [mesh.title, label, claimed, verdict, *cells]
+        yield [f"{section.title}, {section.mesh}", label, claimed, verdict, *cells]
 
 
 def _step_text(run: pd.Series | None) -> str:
@@ -219,9 +195,6 @@ def _step_text(run: pd.Series | None) -> str:
         return "none"
     multiples = f"{words.times(run.gravity_multiple)}, {words.times(run.advective_multiple)}"
     return f"{words.step(run['dt'])} ({multiples})"
-
-
-# --- files
 
 
 def write_report(
@@ -242,15 +215,14 @@ def write_report(
     with clear_errors(f"cannot write the report to {out}"):
         Path(out).mkdir(parents=True, exist_ok=True)
     out, sections = Path(out), read_sections(datasets)
-    told = recipe.title if recipe else sections[0].dataset.attrs.get("title", "")
     pictures = {
-        diagram: picture
+        diagram: (f"{section.name}-{diagram.name}.svg", svg_text(render(diagram), section.name))
         for section in sections
-        for mesh in section.meshes
-        for diagram, picture in _pictures(mesh, section.name).items()
+        for diagram in chain(*section.errors.values(), section.diagrams)
     }
     for name, svg in pictures.values():
         write_whole(out / name, svg)
+    told = recipe.title if recipe else sections[0].dataset.attrs.get("title")
     values = {
         "title": title or told or TITLE, "sections": sections, "recipe": recipe,
         "notes": recipe.notes if recipe else {},
@@ -262,23 +234,12 @@ def write_report(
     write_whole(out / "table.csv", csv_text(sections))
     write_whole(out / "index.html", _rendered("report.html.j2", **values, pictures=inline))
     if recipe is not None:
-        verdicts = [
-            line
-            for section in sections
-            for mesh in (section.meshes if section.title in recipe.claims else ())
-            for line in _verdicts(mesh, recipe.claims[section.title])
-        ]
+        claimed = [section for section in sections if section.title in recipe.claims]
+        verdicts = [line for of in claimed for line in _verdicts(of, recipe.claims[of.title])]
         names = {diagram: name for diagram, (name, _) in pictures.items()}
         page = _rendered("page.md.j2", **values, pictures=names, verdicts=verdicts)
         write_whole(out / "README.md", page)
     return out / "index.html"
-
-
-def _pictures(mesh: OneMesh, section: str) -> dict[Diagram, tuple[str, str]]:
-    """Return the name and the text of the file of each diagram."""
-    drawn = [*(diagram for of in mesh.errors.values() for diagram in of), *mesh.diagrams]
-    stems = {diagram: f"{section}-{mesh.name}-{diagram.name}" for diagram in drawn}
-    return {of: (f"{stem}.svg", svg_text(render(of), stem)) for of, stem in stems.items()}
 
 
 def _rendered(template: str, **values: Any) -> str:

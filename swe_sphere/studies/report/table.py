@@ -16,8 +16,6 @@ from swe_sphere.studies.sweep.record import FIELDS
 
 COMPARED = ("grid", "target")
 """Roles of runs that stand for a setting; the others were made to find limits and references."""
-MADE_FOR_OTHERS = "converged"
-"""Role of runs that say nothing on a stepper."""
 NUMBERS = ("wall_seconds", "cpu_seconds", "spread", *UNITS)
 """Numbers of a run, beside those of custom diagnostics."""
 ERROR = ("kind", "field", "norm", "report_day")
