@@ -58,7 +58,8 @@ class Evaluator:
         if key not in self._converged:
             study = self._study
             integrator = study.integrator(study.at(*key), CONVERGED_STEPPER)
-            twice = study.steps(2.0 * study.plan.converged_part * integrator.stable_dt)
+            longest = 2.0 * study.plan.converged_part * integrator.stable_dt
+            twice = study.steps(min(longest, study.interval))
             once = replace(twice, dt=0.5 * twice.dt, steps=2 * twice.steps,
                            frame_steps=2 * twice.frame_steps)  # fmt: skip
             coarse, fine = (

@@ -6,7 +6,7 @@ import inspect
 import math
 import sys
 import uuid
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property, reduce
@@ -26,17 +26,17 @@ from swe_sphere.files.fingerprints import (
     processor,
 )
 from swe_sphere.files.user_file import is_user_file
+from swe_sphere.io.reference_solution import Reference, shipped_reference
 from swe_sphere.operators import find_device
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.build import make_mesh, make_scene, start_warp, stepper_options
-from swe_sphere.simulation.config import RunConfig
+from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.diagnostics import Fields, state_integrals
 from swe_sphere.simulation.planning import RunPlan, common_measure, free_steps, time_plan
 from swe_sphere.simulation.restart import identity, run_sources
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS, Stepper, get_stepper
-from swe_sphere.studies.sweep.reference import reference_files
 from swe_sphere.studies.sweep.steps import dt_sequence, halved
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
@@ -48,6 +48,13 @@ History = dict[float, Fields]
 Role = Literal["grid", "target", "stability", "converged"]
 """What a run is made for: a grid, a search for an error or for the longest stable step, or to be
 compared with."""
+SHIPPED: dict[str, tuple[str, tuple[str, ...]]] = {
+    "williamson5": ("williamson5", ()),
+    "williamson6": ("williamson6", ()),
+    "galewsky": ("galewsky", ()),
+    "galewsky_viscous": ("galewsky", ("viscosity.nu=1e5",)),
+}
+"""Solutions that come with the package: the scene and the settings of each."""
 CONVERGED_STEPPER = "rk4"
 """Explicit stepper of the time-converged run."""
 SESSION = uuid.uuid4().hex
@@ -330,6 +337,47 @@ class RunSpec:
         chosen = self.integrator.options.get("preconditioner") or self.config.preconditioner
         named = kind.name if is_user_file(stepper) else stepper
         return self.config.model_copy(update={"stepper": named, "preconditioner": chosen})
+
+
+def reference_files(
+    plan: SweepPlan, scene: Scene, report_days: Sequence[float]
+) -> dict[float, Path]:
+    """Files by report day: those of the user, else of scenes without exact solution the package's.
+
+    Raises ConfigError for a file that cannot be read or is of no report day.
+    """
+    if plan.reference:
+        return dict(_of_user(path, report_days) for path in plan.reference)
+    return {} if scene.exact is not None else _shipped(scene, report_days)
+
+
+def _of_user(path: Path, report_days: Sequence[float]) -> tuple[float, Path]:
+    time = Reference(path).nearest(None)
+    if time is None:
+        return report_days[-1], path
+    near = [day for day in report_days if abs(day * DAY - time) < 1.0]
+    if not near:
+        days = ", ".join(f"{day:g}" for day in report_days)
+        raise ConfigError(
+            f"reference: {path} is of day {time / DAY:g}, errors are taken at day {days}: add it to"
+            " report-days"
+        )
+    return near[0], path
+
+
+def _shipped(scene: Scene, report_days: Sequence[float]) -> dict[float, Path]:
+    """Files of the package by report day, where the scene is just that of the files."""
+    files: dict[float, Path] = {}
+    for label, (name, settings) in SHIPPED.items():
+        if scene.name != name:
+            continue
+        original = make_scene(make_config({"scene": name, "settings": settings}))
+        if (original.effects, original.parameters, original.planet) == (
+            scene.effects, scene.parameters, scene.planet
+        ):  # fmt: skip
+            found = {day: shipped_reference(label, day) for day in report_days}
+            files |= {day: path for day, path in found.items() if path is not None}
+    return files
 
 
 def users_methods(steppers: Iterable[str], preconditioners: Iterable[str]) -> dict[str, str]:
