@@ -11,8 +11,14 @@ import pytest
 
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError
-from swe_sphere.studies.regimes import RegimeMap, read_map, write_map
-from swe_sphere.studies.regimes.places import break_even, cheapest_step, ordered_places
+from swe_sphere.studies.regimes import (
+    RegimeMap,
+    break_even,
+    cheapest_step,
+    ordered_places,
+    read_map,
+    write_map,
+)
 from swe_sphere.studies.sweep.record import runs_of
 from swe_sphere.studies.sweep.sweep_plan import load_recipe
 

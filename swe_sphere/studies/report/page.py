@@ -57,9 +57,10 @@ class Section:
     runs: pd.DataFrame
     rankings: list[Ranking]
     """The one to rank by first."""
-    errors: dict[Metric, list[Diagram]]
-    """Figures of each error, the first ranking's first."""
-    diagrams: list[Diagram]
+    figures: list[list[Diagram]]
+    """Of the error of each ranking."""
+    others: list[Diagram]
+    """Figures of iterations and conservation."""
 
     @property
     def anchor(self) -> str:
@@ -84,17 +85,30 @@ def sweep_rankings(dataset: Dataset) -> list[Ranking]:
     It is by the error that was searched for, or by the one that tells most.  Raises ConfigError if
     the dataset is not one of a sweep.
     """
-    plan = json.loads(dataset.attrs.get("plan", "{}"))
-    own = float(dataset.attrs.get("converged_check", math.nan))
-    target = plan.get("target_error")
-    if target is not None:
-        dataset = dataset.isel(run=dataset["role"].values == "target")
-    found = []
-    for where, runs in read_runs(dataset).groupby(["scene", "mesh"], sort=False):
-        by = metrics(runs) if target is None else _searched(runs, plan)
-        levels = [] if target is None else [target]
-        found += rankings(runs, by, ", ".join(where), own, levels)[:1]
-    return found
+    return [ranking for section in read_sections(dataset) for ranking in section.rankings[:1]]
+
+
+def read_sections(datasets: Dataset | Mapping[str, Dataset]) -> list[Section]:
+    """Return a section for each mesh of sweeps; ConfigError for a dataset of something else."""
+    if isinstance(datasets, Dataset):
+        datasets = {str(datasets.attrs["scene"]): datasets}
+    sections = []
+    for title, dataset in datasets.items():
+        plan = json.loads(dataset.attrs.get("plan", "{}"))
+        own, target = (
+            float(dataset.attrs.get("converged_check", math.nan)),
+            plan.get("target_error"),
+        )
+        for where, runs in read_runs(dataset).groupby(["scene", "mesh"], sort=False):
+            if target is None:
+                ranked = rankings(runs, metrics(runs), ", ".join(where), own)
+            else:
+                tried = runs[runs["role"] == "target"]
+                ranked = rankings(tried, _searched(tried, plan), ", ".join(where), own, [target])
+            figures = [error_diagrams(runs, ranking.metric) for ranking in ranked]
+            others = other_diagrams(runs)
+            sections.append(Section(title, where[1], dataset, runs, ranked, figures, others))
+    return sections
 
 
 def _searched(runs: pd.DataFrame, plan: Mapping[str, Any]) -> list[Metric]:
@@ -105,24 +119,6 @@ def _searched(runs: pd.DataFrame, plan: Mapping[str, Any]) -> list[Metric]:
     known = [of for of in runs if isinstance(of, Metric) and runs[of].notna().any()]
     found = [of for of in known if (of.kind in kinds and (of.field, of.norm) == (field, norm))]
     return sorted(found, key=lambda of: (kinds.index(of.kind), -of.day))[:1]
-
-
-def read_sections(datasets: Dataset | Mapping[str, Dataset]) -> list[Section]:
-    """Return a section for each mesh of sweeps; ConfigError for a dataset of something else."""
-    if isinstance(datasets, Dataset):
-        datasets = {str(datasets.attrs["scene"]): datasets}
-    sections = []
-    for title, dataset in datasets.items():
-        own = float(dataset.attrs.get("converged_check", math.nan))
-        for (scene, mesh), runs in read_runs(dataset).groupby(["scene", "mesh"], sort=False):
-            found = metrics(runs)
-            ranked = rankings(runs, found, f"{scene}, {mesh}", own)
-            first = [ranking.metric for ranking in ranked[:1]]
-            errors = {m: error_diagrams(runs, m) for m in dict.fromkeys([*first, *found])}
-            drawn = {metric: diagrams for metric, diagrams in errors.items() if diagrams}
-            others = other_diagrams(runs)
-            sections.append(Section(title, mesh, dataset, runs, ranked, drawn, others))
-    return sections
 
 
 def _slug(text: str) -> str:
@@ -170,7 +166,7 @@ def _verdicts(section: Section, claim: Claim) -> Iterator[list[str]]:
     Of steppers that took steps of as many gravity-wave limits as are claimed.
     """
     runs = section.runs
-    total = {metric.field: metric for metric in section.errors if metric.kind == "total"}
+    total = {metric.field: metric for metric in metrics(runs) if metric.kind == "total"}
     shown = [total[field] for field in ("h", "vorticity") if field in total]
     claimed = f"{words.times(claim.gravity)}, {words.times(claim.advective)}"
     for label, curve in runs[runs["compared"]].groupby("curve"):
@@ -218,7 +214,7 @@ def write_report(
     pictures = {
         diagram: (f"{section.name}-{diagram.name}.svg", svg_text(render(diagram), section.name))
         for section in sections
-        for diagram in chain(*section.errors.values(), section.diagrams)
+        for diagram in chain(*section.figures, section.others)
     }
     for name, svg in pictures.values():
         write_whole(out / name, svg)

@@ -54,18 +54,17 @@ def pareto(runs: pd.DataFrame, metric: Metric) -> pd.DataFrame:
 
 def smallest(runs: pd.DataFrame, metric: Metric) -> pd.Series | None:
     """The run with the smallest error; of equal ones the cheapest."""
-    return _first(candidates(runs, metric).sort_values([metric, "cost"]))
+    found = candidates(runs, metric).sort_values([metric, "cost"])
+    return None if found.empty else found.iloc[0]
 
 
 def cheapest(runs: pd.DataFrame, metric: Metric, target: float) -> pd.Series | None:
     """The cheapest run within the target error; the longest step where none is timed."""
     good = candidates(runs, metric)
     good = good[good[metric] <= target].sort_values("dt", ascending=False, kind="stable")
-    return _first(good.sort_values("cost", kind="stable") if good["timed"].any() else good)
-
-
-def _first(runs: pd.DataFrame) -> pd.Series | None:
-    return None if runs.empty else runs.iloc[0]
+    if good["timed"].any():
+        good = good.sort_values("cost", kind="stable")
+    return None if good.empty else good.iloc[0]
 
 
 def targets(best: Iterable[float], resolved: float = 0.0) -> list[float]:
@@ -173,34 +172,31 @@ def rankings(
     smaller targets are left out.  levels: the targets; none: round ones that steppers reach.
     """
     by_name = {(metric.kind, metric.field): metric for metric in found}
-    keys = (
-        [(kind, of) for of in order if (kind, of) in by_name] for kind, order in ANSWERED.items()
-    )
-    made = [_ranking(runs, by_name[key[0]], where, own, levels) for key in keys if key]
-    return [ranking for ranking in made if ranking.lines]
-
-
-def _ranking(
-    runs: pd.DataFrame, metric: Metric, where: str, own: float, levels: Sequence[float]
-) -> Ranking:
-    curves = dict(iter(runs.groupby("curve")))
-    best = {curve: run for curve, of in curves.items() if (run := smallest(of, metric)) is not None}
-    # the check of the converged run is on its depth
-    resolved = own if (metric.kind, metric.field) == ("time", "h") and own > 0.0 else 0.0
-    wanted = sorted(levels, reverse=True)
-    wanted = wanted or targets((run[metric] for run in best.values()), resolved)
-    cells = {
-        curve: [cheapest(curves[curve], metric, t) if t >= resolved else None for t in wanted]
-        + [run]
-        for curve, run in best.items()
-    }
-    costs = {
-        curve: [run.cost if run is not None and run.timed else math.inf for run in row]
-        for curve, row in cells.items()
-    }
-    lines = {curve: cells[curve] for curve in sorted(cells, key=costs.__getitem__)}
-    note = prose("unresolved", wanted[-1], own) if wanted and wanted[-1] < resolved else ""
-    return Ranking(where, metric, wanted, lines, note)
+    curves, made = dict(iter(runs.groupby("curve"))), []
+    for kind, order in ANSWERED.items():
+        metric = next((by_name[kind, of] for of in order if (kind, of) in by_name), None)
+        if metric is None:
+            continue
+        best = {name: smallest(of, metric) for name, of in curves.items()}
+        reached = {name: run for name, run in best.items() if run is not None}
+        # the check of the converged run is on its depth
+        resolved = own if (kind, metric.field) == ("time", "h") and own > 0.0 else 0.0
+        wanted = sorted(levels, reverse=True)
+        wanted = wanted or targets((run[metric] for run in reached.values()), resolved)
+        cells = {
+            name: [cheapest(curves[name], metric, t) if t >= resolved else None for t in wanted]
+            + [run]
+            for name, run in reached.items()
+        }
+        costs = {
+            name: [run.cost if run is not None and run.timed else math.inf for run in row]
+            for name, row in cells.items()
+        }
+        lines = {name: cells[name] for name in sorted(cells, key=costs.__getitem__)}
+        note = prose("unresolved", wanted[-1], own) if wanted and wanted[-1] < resolved else ""
+        if lines:
+            made.append(Ranking(where, metric, wanted, lines, note))
+    return made
 
 
 def threshold(runs: pd.DataFrame, metric: Metric) -> float:
