@@ -112,7 +112,7 @@ def _planned(
     plans = recipe.plans(flags)
     if recipe.mapped and any(plan.jobs > 1 for plan in plans):
         raise ConfigError("jobs: a map ranks by CPU time, which only runs alone have: leave it out")
-    return [(out if recipe.single else out / folder_of(dict(plan)), plan) for plan in plans]
+    return [(out / folder_of(dict(plan)), plan) for plan in plans]
 
 
 def _begun(out: Path) -> list[Path]:
@@ -144,9 +144,8 @@ def _by_name(
 ) -> dict[str, xr.Dataset]:
     """Datasets by the names of their sections, in the order of the recipe."""
     order = [folder_of(values) for values in recipe.sweeps] if recipe else []
-    alone = order[0] if recipe and recipe.single else None
     named = {
-        folder.name if folder != out else alone or str(dataset.attrs["scene"]): dataset
+        folder.name if folder != out else str(dataset.attrs["scene"]): dataset
         for folder, dataset in datasets.items()
     }
     names = sorted(named, key=lambda name: order.index(name) if name in order else len(order))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import xarray as xr
 
 from swe_sphere.files.durable import write_whole
@@ -92,16 +91,17 @@ class Evaluator:
             return None if known is None else {}
         try:
             found = xr.load_dataset(self._folder / f"{spec.key}.nc", engine="netcdf4")
-            fields = {name: found[name].values for name in KEPT}
+            return {
+                float(day): {name: found[name].sel(report_day=day).values for name in KEPT}
+                for day in found["report_day"].values
+            }
         except (OSError, LookupError):
             return None
-        days = found["report_day"].values.tolist()
-        return {day: {name: fields[name][n] for name in KEPT} for n, day in enumerate(days)}
 
     def _keep(self, spec: RunSpec, record: RunRecord, history: History) -> None:
         """Fields first: what there is a record of has been written."""
         if record.status == "completed":
-            fields = {name: np.stack([of[name] for of in history.values()]) for name in KEPT}
+            fields = {name: [of[name] for of in history.values()] for name in KEPT}
             variables = {name: (("report_day", "node"), of) for name, of in fields.items()}
             whole = xr.Dataset(variables, {"report_day": [*history]}, {"title": spec.label})
             write_whole(self._folder / f"{spec.key}.nc", as_netcdf(whole))

@@ -221,11 +221,6 @@ class Recipe:
     mapped: bool = False
     """Whether one map of all sweeps is wanted, and no report of each."""
 
-    @property
-    def single(self) -> bool:
-        """Whether there is one sweep, kept where several would have folders."""
-        return len(self.sweeps) == 1 and not self.mapped
-
     def plans(self, flags: Mapping[str, object]) -> list[SweepPlan]:
         """The plans, with the values of flags in the place of the recipe's.
 
