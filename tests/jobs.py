@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 import time
+from functools import partial
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.studies.jobs import in_processes
@@ -48,6 +49,6 @@ def squaring(power):
 if __name__ == "__main__":
     from jobs import squaring as known_by_name
 
-    for pid in in_processes(2, known_by_name, (2,), ["pid", "pid", "wait", "wait"]):
+    for pid in in_processes(2, partial(known_by_name, 2), ["pid", "pid", "wait", "wait"]):
         sys.stdout.write(f"{pid}\n")
         sys.stdout.flush()

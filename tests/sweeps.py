@@ -82,7 +82,7 @@ def plausible_sweep(scene: str = "williamson5", meshes=((16, 4),), seed: int = 1
     return make_sweep(
         *runs, title=f"{scene}: what accuracy costs", scene=scene, machine="a machine, 2 cores",
         cores=2, versions='{"python": "3.11.7", "warp": "1.19.0"}',
-        created="2026-11-21T10:00:00", command=f"swe-sphere sweep {scene} --steppers …",
+        created="2026-11-21T10:00:00",
         converged_dt=20.0, converged_check=2.4e-7, plan='{"ne": [16], "dt": "auto"}',
     )  # fmt: skip
 

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import jobs
@@ -29,7 +30,7 @@ TINY = {"ne": 2, "np": 4, "days": 0.25, "dt": [3600, 1800]}
 
 
 def squares(count, tasks):
-    return [*in_processes(count, jobs.squaring, (2,), tasks)]
+    return [*in_processes(count, partial(jobs.squaring, 2), tasks)]
 
 
 def test_every_task_is_done_once():
@@ -55,13 +56,13 @@ def test_what_fails_in_one_process_ends_all(deed, kind, said):
 def test_what_is_finished_before_another_process_dies_is_kept():
     found = []
     with pytest.raises(RunFailed, match="killed by SIGKILL"):
-        for result in in_processes(1, jobs.squaring, (2,), [*range(5), "die sending"]):
+        for result in in_processes(1, partial(jobs.squaring, 2), [*range(5), "die sending"]):
             found.append(result)
     assert sorted(found) == [(n, n * n) for n in range(5)]
 
 
 def test_ctrl_c_ends_all():
-    waiting = in_processes(2, jobs.squaring, (2,), [1, "wait", "wait"])
+    waiting = in_processes(2, partial(jobs.squaring, 2), [1, "wait", "wait"])
     next(waiting)
     os.kill(os.getpid(), signal.SIGINT)
     with pytest.raises(Interrupted):
@@ -93,8 +94,8 @@ def _lives(pid):
 def at_once(monkeypatch):
     """Tasks are done by this process, which is quicker."""
 
-    def done(count, begin, arguments, tasks):
-        work = begin(*pickle.loads(pickle.dumps(arguments)))
+    def done(count, begin, tasks):
+        work = pickle.loads(pickle.dumps(begin))()
         for task in pickle.loads(pickle.dumps(tasks)):
             yield pickle.loads(pickle.dumps(work(task)))
 
@@ -175,7 +176,7 @@ def test_cases_that_share_a_finer_run_share_a_process():
     tasks = []
     chosen = cases.choose("verification")
 
-    def note(count, begin, arguments, asked):
+    def note(count, begin, asked):
         tasks.extend(pickle.loads(pickle.dumps(asked)))
         return []
 

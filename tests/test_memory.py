@@ -22,7 +22,7 @@ MEASURE = """
 import json, sys
 from swe_sphere.simulation.simulation import run
 from swe_sphere.simulation.config import make_config
-from swe_sphere.studies.peak_memory import begin_peak, peak_memory
+from swe_sphere.studies.sweep.runner import begin_peak, peak_memory
 given = json.loads(sys.argv[1])
 run(make_config(given | {"ne": 2}))
 if not begin_peak():

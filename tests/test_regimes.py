@@ -1,9 +1,7 @@
 """The map of regimes: costs at an error, break-even Froude numbers, and the page of a small map."""
 
-import json
 import math
 import re
-import shutil
 from itertools import pairwise
 
 import pandas as pd
@@ -11,6 +9,7 @@ import pytest
 
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError
+from swe_sphere.studies import words
 from swe_sphere.studies.regimes import (
     RegimeMap,
     break_even,
@@ -160,16 +159,13 @@ def test_steps_are_halved_until_the_error_is_small_enough(small_map) -> None:
                 assert shorter.config.dt == pytest.approx(0.5 * longer.config.dt, rel=0.2)
 
 
-def test_costs_of_all_places_are_in_one_unit(small_map) -> None:
+def test_places_are_told_apart_by_wind_and_diffusion(small_map) -> None:
     found = read_map(small_map / "out")
     froude, diffusive = found.places["froude"], found.places["diffusive"]
     fast, slow = froude["williamson5-speed20"], froude["williamson5-speed5"]
     assert fast == pytest.approx(4.0 * slow, rel=0.05)
     assert fast == pytest.approx(20.0 / 241.8, rel=0.02)
     assert diffusive["williamson5-speed5-nudefault"] and not diffusive["williamson5-speed5"]
-    runs = found.runs[found.runs["stepper"] == "rk4"]
-    # four right-hand sides of the quickest run of any place
-    assert (runs["cost"] / runs["steps"]).min() > 3.999
 
 
 def test_the_page_tells_the_numbers_of_the_map_and_nothing_is_run_again(small_map) -> None:
@@ -182,16 +178,7 @@ def test_the_page_tells_the_numbers_of_the_map_and_nothing_is_run_again(small_ma
     assert set(pictures) == {path.name for path in (small_map / "out").glob("*.svg")} != set()
     offers = read_map(small_map / "out").best(3e-3).set_index(["place", "family"])
     stepper, dt, cost = offers.loc[("williamson5-speed20", "explicit"), ["stepper", "dt", "cost"]]
-    assert f"`{stepper}` {dt:.4g} s, {cost:.3g}"[:-1] in page
-
-
-def test_a_map_needs_the_stepper_in_which_costs_are_told(small_map, tmp_path) -> None:
-    folder = shutil.copytree(small_map / "out", tmp_path / "out")
-    for file in folder.glob("*/runs/*.json"):
-        if json.loads(file.read_text())["config"]["stepper"] == "rk4":
-            file.unlink()
-    with pytest.raises(ConfigError, match=r"no run of rk4 in float64 .* add rk4 to the steppers"):
-        read_map(folder)
+    assert f"`{stepper}` {dt:.4g} s, {words.seconds(cost)}" in page
 
 
 def test_a_folder_without_sweeps_has_no_map(tmp_path) -> None:

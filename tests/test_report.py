@@ -1,6 +1,5 @@
 """The pages of a report: they need nothing else, and every number leads to a row."""
 
-import csv
 import re
 import tomllib
 from fnmatch import fnmatch
@@ -15,10 +14,11 @@ from sweeps import make_sweep, plausible_sweep
 from swe_sphere.cli.sweep import PAGE, REPORT
 from swe_sphere.errors import ConfigError
 from swe_sphere.studies import words
+from swe_sphere.studies.pages import MARK
 from swe_sphere.studies.report import sweep_rankings, write_report
 from swe_sphere.studies.report.figures import error_diagrams, render, svg_text
 from swe_sphere.studies.report.page import read_sections
-from swe_sphere.studies.report.table import metrics, read_runs
+from swe_sphere.studies.report.ranking import metrics, read_runs
 from swe_sphere.studies.sweep.sweep_plan import Claim, Recipe
 
 ROOT = Path(__file__).parents[1]
@@ -137,28 +137,16 @@ def test_html_and_markdown_say_the_same(dataset, text, tmp_path):
 
 
 def test_the_page_tells_how_it_was_made_and_what_to_doubt(text):
-    for part in ("a machine, 2 cores", "warp 1.19.0", "swe-sphere sweep williamson5",
+    for part in ("a machine, 2 cores", "warp 1.19.0",
                  "ranked by the CPU time", "about 2.4e-7 (Richardson)"):  # fmt: skip
         assert part in text, part
 
 
 def test_pages_are_known_as_those_of_sweeps(folder, dataset, tmp_path):
     """By what `swe-sphere sweep` looks for before it replaces one."""
-    for name, mark in REPORT.items():
-        assert mark in (folder / name).read_text(encoding="utf-8")[:200]
+    assert MARK in (folder / REPORT).read_text(encoding="utf-8")[:200]
     write_report(dataset.isel(run=[3]), tmp_path, recipe=Recipe("Steps", ()))
-    assert {name for name, mark in PAGE.items() if mark in (tmp_path / name).read_text()} == {*PAGE}
-
-
-def test_the_csv_has_all_rows_and_errors(dataset, folder):
-    with (folder / "table.csv").open(encoding="utf-8") as file:
-        lines = list(csv.DictReader(file))
-    assert len(lines) == dataset.sizes["run"]
-    for i, line in enumerate(lines):
-        error = dataset.error.sel(kind="slow", field="vorticity", norm="linf").values[i, 0]
-        written = line["slow_linf_vorticity_day15"]
-        assert (written == "" and np.isnan(error)) or float(written) == error
-        assert float(line["dt"]) == dataset["dt"].values[i]
+    assert MARK in (tmp_path / PAGE).read_text()
 
 
 def test_figures_lie_beside_the_page(folder):
@@ -205,8 +193,6 @@ def test_several_datasets_make_one_page_with_an_answer_for_each(tmp_path):
     assert "Cheapest to l2(h) ≤ 1e-3 (total error, day 15) on williamson5, ne16 np4: rk4" in head
     assert 'href="#lauter-1"' in head
     assert "A remark." in page
-    lines = (tmp_path / "table.csv").read_text(encoding="utf-8").splitlines()
-    assert [line.split(",")[0] for line in lines] == ["dataset", "williamson5", "lauter"]
 
 
 def test_the_headline_is_on_the_slow_flow_where_its_error_is_known(dataset):

@@ -12,17 +12,19 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.report.figures import look
 from swe_sphere.studies.report.ranking import (
+    Metric,
     candidates,
     cheapest,
     largest_step,
+    metrics,
     pareto,
     rankings,
+    read_runs,
     smallest,
     targets,
     threshold,
     with_cost,
 )
-from swe_sphere.studies.report.table import Metric, metrics, read_runs
 
 TOTAL = Metric("total", "h", "l2", 15.0)
 

@@ -18,7 +18,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.diagnostics import slow_errors
 from swe_sphere.studies.sweep import SweepWatcher, engine, runner, sweep
 from swe_sphere.studies.sweep.dataset import write_dataset
-from swe_sphere.studies.sweep.record import command_line, runs_of
+from swe_sphere.studies.sweep.record import runs_of
 from swe_sphere.studies.sweep.runs import Study
 from swe_sphere.studies.sweep.sweep_plan import make_plan
 
@@ -450,11 +450,3 @@ def test_a_search_says_when_there_is_no_such_step():
     assert "the error stays at" in notes[0]
     errors = last(rows(dataset, role="target"), "total")
     assert np.isfinite(errors).all() and (errors > 1e-9).all()
-
-
-@pytest.mark.parametrize("program", ["/home/me/bin/swe-sphere", ".venv/bin/swe-sphere"])
-def test_the_command_is_told_without_the_folders_of_its_machine(monkeypatch, program):
-    words = ["sweep", "--recipe", "/home/me/my waves.toml", "--scene=/data/a.py", "--out", "a/b"]
-    monkeypatch.setattr(sys, "argv", [program, *words])
-    told = "swe-sphere sweep --recipe 'my waves.toml' --scene=a.py --out a/b"
-    assert command_line() == told

@@ -134,7 +134,7 @@ def test_a_report_can_be_made_again(swe, tmp_path):
     assert runs == {path: path.read_bytes() for path in (tmp_path / "d" / "runs").iterdir()}
 
 
-@pytest.mark.parametrize("page", ["d/index.html", "d/table.csv", "d/README.md"])
+@pytest.mark.parametrize("page", ["d/index.html", "d/README.md"])
 def test_a_page_that_no_sweep_has_made_is_not_replaced(swe, tmp_path, page):
     """Wherever sweeps lie; README.md only a recipe would write."""
     (tmp_path / "one.toml").write_text('scene = "lauter"\nsteppers = "rk4"\ndt = 3600\n')

@@ -298,7 +298,7 @@ def test_a_sweep_that_has_just_begun_has_no_runs(swe, tmp_path):
 MISSING = object()
 WRONG = [
     ("sweep", "plan", 3), ("sweep", "sources", None), ("sweep", "versions", ["1"]),
-    ("sweep", "command", MISSING), ("run", "key", 5), ("run", "config", []),
+    ("sweep", "created", MISSING), ("run", "key", 5), ("run", "config", []),
     ("run", "repeat", "0"), ("run", "errors", MISSING), ("run", "config.dt", "long"),
     ("run", "numbers.wall_seconds", [1]), ("run", "status", MISSING), ("run", "status", "ended"),
     ("run", "errors.0.day", None), ("run", "errors.0.kind", "all"), ("run", "errors.0.field", None),

@@ -37,7 +37,7 @@ RUN = (
 )  # fmt: skip
 SWEEP = (
     "dt", "days", "ne", "np", "levels", "tolerance", "report-days", "repeats", "time-limit",
-    "target-error", "converged-part", "alpha", "stretch",
+    "target-error", "alpha", "stretch",
 )  # fmt: skip
 SCENE = ("dt", "days", "ne", "np")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from swe_sphere.studies.report import Ranking
     from swe_sphere.studies.sweep.runs import RunSpec
 
-RECIPES_ONLY = ("converged_part", "slow", "spin", "longest", "enough", "name")
+RECIPES_ONLY = ("slow", "spin", "longest", "enough", "name")
 """Fields of a plan without a flag."""
-REPORT, PAGE = {"index.html": MARK, "table.csv": "dataset,number"}, {"README.md": MARK}
-"""Files that are written of sweeps, and of a recipe too, and a text in them that marks them."""
+REPORT, PAGE = "index.html", "README.md"
+"""Pages that are written of sweeps, and of a recipe too."""
 
 
 @with_flags(SweepPlan, argument="scene", without=RECIPES_ONLY)
@@ -58,7 +58,7 @@ def sweep(
     loaded = None if recipe is None else load_recipe(recipe)
     mapped = loaded is not None and loaded.mapped
     plans = [] if report_only else _planned(given(values, SweepPlan), loaded, out)
-    _check_pages(out, PAGE if mapped else REPORT | PAGE if loaded else REPORT)
+    _check_pages(out, [*([] if mapped else [REPORT]), *([PAGE] if loaded else [])])
     datasets, completed = {}, report_only
     for folder, plan in plans:
         dataset = datasets[folder] = _carried_out(plan, folder, quiet)
@@ -126,16 +126,13 @@ def _begun(out: Path) -> list[Path]:
     return [folder for folder in folders if runs_of(folder).records] or folders
 
 
-def _check_pages(out: Path, marks: Mapping[str, str]) -> None:
-    """ConfigError where a page would take the place of one that no sweep has made.
-
-    marks: a text that is in the pages of sweeps, by their names.
-    """
-    for name, mark in marks.items():
-        with clear_errors(f"cannot write to {out / name}"):
-            if (out / name).exists() and mark.encode() not in (out / name).read_bytes():
+def _check_pages(out: Path, names: Iterable[str]) -> None:
+    """ConfigError where a page would take the place of one that no sweep has made."""
+    for path in (out / name for name in names):
+        with clear_errors(f"cannot write to {path}"):
+            if path.exists() and MARK.encode() not in path.read_bytes():
                 raise ConfigError(
-                    f"out: {out / name} is of no sweep, and would be replaced: choose another"
+                    f"out: {path} is of no sweep, and would be replaced: choose another"
                 )
 
 

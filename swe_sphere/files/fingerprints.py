@@ -17,7 +17,7 @@ from swe_sphere import __version__
 NUMBERS = (
     "kernels", "testcases", "mesh", "operators", "equations", "solvers", "steppers", "simulation",
     "files", "io", "ranks", "settings", "studies.sweep", "studies.ended", "studies.jobs",
-    "studies.peak_memory", "studies.record_store",
+    "studies.record_store",
 )  # fmt: skip
 """Packages and modules that make the numbers; reports and the command line only show them.
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from functools import cache, partial
+from functools import cache
 from multiprocessing import active_children, get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -37,8 +37,7 @@ def checked_jobs(jobs: int) -> int:
 
 def in_processes(
     jobs: int,
-    begin: Callable[..., Callable[[Any], Any]],
-    arguments: Sequence[object],
+    begin: Callable[[], Callable[[Any], Any]],
     tasks: Sequence[object],
 ) -> Iterator[Any]:
     """Yield the results of tasks from up to `jobs` processes, in the order of their arrival.
@@ -47,10 +46,9 @@ def in_processes(
 
     Args:
         jobs: Number of processes.
-        begin: A function of a module, called as begin(*arguments) in each process. The function
-            that it returns does one task and returns its result, which must be small: a process
-            that dies in the middle of a message leaves its reader waiting.
-        arguments: Arguments of `begin`.
+        begin: Called in each process; can be pickled. The function that it returns does one task
+            and returns its result, which must be small: a process that dies in the middle of a
+            message leaves its reader waiting.
         tasks: What to do; each task is done once.
 
     Raises:
@@ -63,8 +61,7 @@ def in_processes(
     spawn = get_context("spawn")
     alive, ours = spawn.Pipe(duplex=False)
     processes, others = set[BaseProcess](), {*active_children()}
-    prepare = partial(begin, *arguments)
-    pool = ProcessPoolExecutor(min(jobs, len(tasks)), spawn, _initialise, (alive, prepare))
+    pool = ProcessPoolExecutor(min(jobs, len(tasks)), spawn, _initialise, (alive, begin))
     with Interruption() as interruption:
         try:
             with _private_start():

@@ -22,16 +22,14 @@ from swe_sphere.steppers.stepper import Family
 from swe_sphere.studies import words
 from swe_sphere.studies.pages import rendered
 from swe_sphere.studies.report.figures import INK, PAPER, STYLE, svg_text
-from swe_sphere.studies.report.table import Metric, read_runs
+from swe_sphere.studies.report.ranking import Metric, read_runs
 from swe_sphere.studies.sweep.dataset import build_dataset
 from swe_sphere.studies.sweep.record import RUNS, Header, current, read_header, runs_of
 
 BASE = "explicit"
 OTHERS: tuple[str, ...] = tuple(name for name in get_args(Family) if name != BASE)
-UNIT = "rk4"
-"""The stepper whose right-hand sides costs are told in."""
-SIZE = ["ne", "np", "precision", "device"]
-"""What a right-hand side costs depends on."""
+CLASSIC = "rk4"
+"""The stepper that families are compared with too."""
 ERRORS = (1e-2, 3e-3, 1e-3)
 USUAL = 3e-3
 """The slow-flow error of the tables and figures that are for one."""
@@ -53,7 +51,7 @@ class RegimeMap:
     title (of the places that differ in their wind only, which follow each other)."""
     runs: pd.DataFrame
     """place, stepper, dt [s], steps, error (of the slow flow at the end: l2, relative) and cost
-    (CPU time [right-hand sides of `UNIT` on that mesh])."""
+    (CPU time, on a GPU wall time [s])."""
     headers: Sequence[Header] = ()
     """What the sweeps were asked for."""
 
@@ -61,7 +59,7 @@ class RegimeMap:
         """The cheapest step with that error of each family at each place, where a run has it.
 
         Columns: place, family, stepper, dt [s], cost, and the ratios of the cost to that of the
-        best explicit step and to that of `UNIT`, NaN where that has no such error.
+        best explicit step and to that of `CLASSIC`, NaN where that has no such error.
         """
         found = [
             (place, STEPPERS[stepper].family, stepper, *offer)
@@ -70,7 +68,7 @@ class RegimeMap:
         ]
         names = ["place", "family", "stepper", "dt", "cost"]
         offers = pd.DataFrame(found, columns=names).sort_values("cost", kind="stable")
-        units = offers[offers["stepper"] == UNIT].set_index("place")["cost"]
+        units = offers[offers["stepper"] == CLASSIC].set_index("place")["cost"]
         best = offers.drop_duplicates(["place", "family"])
         bases = best[best["family"] == BASE].set_index("place")["cost"]
         costs, places = best["cost"], best["place"]
@@ -110,21 +108,13 @@ def read_map(folder: Path) -> RegimeMap:
     if not tables:
         raise ConfigError(f"there is no sweep in {folder}: leave report-only out to make one")
     runs = pd.concat(tables)
-    known = runs[(runs["stepper"] == UNIT) & runs["completed"] & runs["timed"]]
-    units = (known["cost"] / known["rhs_evaluations"]).groupby([known[of] for of in SIZE]).min()
     firsts = runs.drop_duplicates("place").set_index("place")
     runs = runs[(runs["role"] == "grid") & runs["completed"] & runs["error"].notna()]
     for place in runs.loc[~runs["timed"], "place"]:
         raise ConfigError(
             f"{place}: it has runs that were not timed: make the sweeps again without jobs"
         )
-    runs = runs.join(units.rename("unit"), SIZE)
-    for run in runs[runs["unit"].isna()].itertuples():
-        raise ConfigError(
-            f"{run.place}: no run of {UNIT} in {run.precision} says what a right-hand side costs,"
-            f" in which costs are told: add {UNIT} to the steppers"
-        )
-    return RegimeMap(ordered_places(firsts), runs.assign(cost=runs["cost"] / runs["unit"]), headers)
+    return RegimeMap(ordered_places(firsts), runs, headers)
 
 
 def ordered_places(firsts: pd.DataFrame) -> pd.DataFrame:
@@ -189,7 +179,7 @@ def write_map(folder: Path, *, title: str, introduction: str = "") -> Path:
         limits=[[name, *(_limit(of, best[error], family) for family, error in shown)]
                 for name, of in series],
         series=series, offers={(of.place, of.family): of for of in usual.itertuples()},
-        figures=figures, families=OTHERS, base=BASE, unit=UNIT, usual=words.level(USUAL),
+        figures=figures, families=OTHERS, base=BASE, classic=CLASSIC, usual=words.level(USUAL),
         headers=found.headers, days=sorted({header.created[:10] for header in found.headers}),
     )  # fmt: skip
     write_whole(folder / PAGE, text)
@@ -207,7 +197,7 @@ def _limit(places: pd.DataFrame, best: pd.DataFrame, family: str) -> str:
 
 
 def _rule(places: pd.DataFrame, best: pd.DataFrame, family: str) -> dict[str, Any]:
-    """Return a family's ratios to `BASE` and to `UNIT`, and the steps at which it is cheaper."""
+    """Return a family's ratios to `BASE` and to `CLASSIC`, and the steps at which it is cheaper."""
     known = best[best["ratio"].notna()]
     steps = known["dt"] / known["place"].map(places["gravity_limit"])
     return {

@@ -191,7 +191,7 @@ def measured_beside(
     """
     left = [case for case in cases if not case.is_timed and case.fingerprint not in known]
     tasks = [[*group] for _, group in groupby(left, lambda case: case.name)]
-    yield from chain.from_iterable(in_processes(jobs, _measuring, (), tasks))
+    yield from chain.from_iterable(in_processes(jobs, _measuring, tasks))
 
 
 def _measuring() -> Callable[[list[Case]], list[Measure]]:

@@ -20,8 +20,7 @@ from swe_sphere.pictures.panels import COLOURS
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.stepper import Marker
 from swe_sphere.studies import words
-from swe_sphere.studies.report.ranking import FAILED, pareto, with_cost
-from swe_sphere.studies.report.table import Metric
+from swe_sphere.studies.report.ranking import FAILED, Metric, pareto, with_cost
 
 
 class Look(NamedTuple):

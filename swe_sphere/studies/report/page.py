@@ -8,7 +8,7 @@ import os
 import re
 import tomllib
 from base64 import b64encode
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.resources import files
@@ -33,13 +33,16 @@ from swe_sphere.studies.report.figures import (
 )
 from swe_sphere.studies.report.ranking import (
     BASELINE,
+    REPEATABLE,
     SLACK,
+    Metric,
     Ranking,
     largest_step,
+    metrics,
     rankings,
+    read_runs,
     threshold,
 )
-from swe_sphere.studies.report.table import REPEATABLE, Metric, metrics, read_runs
 from swe_sphere.studies.sweep.sweep_plan import Claim, Recipe
 
 TITLE = "What accuracy costs in time"
@@ -146,20 +149,6 @@ def run_table(runs: pd.DataFrame, short: bool = False) -> pd.DataFrame:
     return pd.DataFrame(shown)
 
 
-def csv_text(sections: Sequence[Section]) -> str:
-    """Return all that is known of the runs of sections, in SI units; every error in a column.
-
-    Fields that are not finite are empty.
-    """
-    tables = [
-        of.runs.rename(columns={m: m.name for m in of.runs if isinstance(m, Metric)})
-        .assign(dataset=of.title).set_index(["dataset", "number"]).dropna(axis=1, how="all")
-        for of in sections
-    ]  # fmt: skip
-    text: str = pd.concat(tables).replace([math.inf, -math.inf], math.nan).to_csv()
-    return text
-
-
 def _verdicts(section: Section, claim: Claim) -> Iterator[list[str]]:
     """Yield lines of a table: the longest steps without loss, and whether that is as claimed.
 
@@ -200,7 +189,7 @@ def write_report(
     title: str = "",
     recipe: Recipe | None = None,
 ) -> Path:
-    """Write index.html, its figures (SVG) and table.csv into a folder.
+    """Write index.html and its figures (SVG) into a folder.
 
     datasets: what `sweep` returns, or several by name: a section each.
     title: of the page; empty: the recipe's, or the first dataset's.
@@ -227,7 +216,6 @@ def write_report(
         diagram: f"data:image/svg+xml;base64,{b64encode(svg.encode()).decode()}"
         for diagram, (_, svg) in pictures.items()
     }
-    write_whole(out / "table.csv", csv_text(sections))
     write_whole(out / "index.html", _rendered("report.html.j2", **values, pictures=inline))
     if recipe is not None:
         claimed = [section for section in sections if section.title in recipe.claims]

@@ -9,6 +9,7 @@ import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, nullcontext, suppress
+from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 
@@ -168,7 +169,8 @@ class Sweep:
             if plan.jobs > 1:
                 parts = self._parts()
                 self._watcher.expect(len(parts))
-                for _ in in_processes(plan.jobs, making_parts, (plan, self._folder), parts):
+                begin = partial(making_parts, plan, self._folder)
+                for _ in in_processes(plan.jobs, begin, parts):
                     self._watcher.done()
                 self._runner.read(runs_of(self._folder))
             if plan.target_error is None:

@@ -16,10 +16,12 @@ from swe_sphere.simulation.diagnostics import Fields, exact_fields, flow_errors,
 from swe_sphere.studies.record_store import as_netcdf
 from swe_sphere.studies.sweep.record import Errors, RunRecord
 from swe_sphere.studies.sweep.runner import KEPT, Runner
-from swe_sphere.studies.sweep.runs import CONVERGED_STEPPER, Discretisation, History, RunSpec, Study
+from swe_sphere.studies.sweep.runs import Discretisation, History, RunSpec, Study
 
 CONVERGED = "converged"
 """Folder of the fields of reference runs."""
+STEPPER, PART = "rk4", 0.25
+"""Explicit stepper of the time-converged run, and its step as a part of its stability limit."""
 
 
 class Evaluator:
@@ -56,8 +58,8 @@ class Evaluator:
         key = (space.mesh.ne, space.mesh.np)
         if key not in self._converged:
             study = self._study
-            integrator = study.integrator(study.at(*key), CONVERGED_STEPPER)
-            longest = 2.0 * study.plan.converged_part * integrator.stable_dt
+            integrator = study.integrator(study.at(*key), STEPPER)
+            longest = 2.0 * PART * integrator.stable_dt
             twice = study.steps(min(longest, study.interval))
             once = replace(twice, dt=0.5 * twice.dt, steps=2 * twice.steps,
                            frame_steps=2 * twice.frame_steps)  # fmt: skip

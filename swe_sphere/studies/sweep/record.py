@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 import os
 import platform
-import shlex
-import sys
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -98,17 +96,6 @@ class Header(Record):
     cores: int | None
     versions: dict[str, str]
     created: str
-    command: str
-
-
-def command_line() -> str:
-    """The command of this process, without the folders of its machine: pages show it to all."""
-    program, *words = sys.argv or [""]
-    told = [Path(program).name]
-    for word in words:  # of an absolute path the name, also behind a flag and its equals sign
-        flag, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
-        told.append(flag + equals + (Path(value).name if Path(value).is_absolute() else value))
-    return shlex.join(told)
 
 
 def read_header(folder: Path) -> Header | None:
@@ -149,10 +136,9 @@ def note_plan(
         scene=scene.name, title=scene.title, sources=sources,
         plan=plan.model_dump(mode="json", exclude_defaults=True),
         machine=f"{processor()}, {platform.system()}", cores=os.cpu_count(), versions=versions(),
-        created=datetime.now(UTC).isoformat(timespec="seconds"), command=command_line(),
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
     )  # fmt: skip
-    same = {"created": now.created, "command": now.command}
-    if last is None or last.model_copy(update=same) != now:
+    if last is None or last.model_copy(update={"created": now.created}) != now:
         write_whole(folder / HEADER, now.as_text())
     changed = _changed(last.sources, sources) if last else []
     stale = len(runs) - len(current(runs, sources))

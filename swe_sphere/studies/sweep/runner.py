@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import math
+import re
+import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 
@@ -17,7 +22,6 @@ from swe_sphere.simulation.loop import Interruption
 from swe_sphere.simulation.observers import Observer, Ticker
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.studies.ended import BREAKDOWNS, Ended, stepped
-from swe_sphere.studies.peak_memory import begin_peak, peak_memory
 from swe_sphere.studies.record_store import Store
 from swe_sphere.studies.sweep.record import Errors, RunRecord, current
 from swe_sphere.studies.sweep.runs import Discretisation, History, Integrator, RunSpec
@@ -127,6 +131,33 @@ def _begun(spec: RunSpec) -> Simulation:
     sim = spec.integrator.space.simulation(spec.config)
     sim.begin(spec.steps)
     return sim
+
+
+def begin_peak() -> bool:
+    """Free the memory of earlier runs and begin a new peak; False where the system cannot."""
+    gc.collect()
+    with suppress(OSError, AttributeError):  # where the C library can (glibc)
+        ctypes.CDLL(None).malloc_trim(0)
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")  # resets the peak: proc(5), Linux 4.0
+        return True
+    return False
+
+
+def peak_memory() -> float:
+    """Return the most memory resident since `begin_peak` [bytes], with interpreter and libraries.
+
+    Without /proc it is the most since the process began; NaN where the system reports neither.
+    """
+    with suppress(OSError):
+        if found := re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text()):
+            return 1024.0 * float(found[1])
+    try:
+        import resource
+    except ImportError:  # not on this system
+        return float("nan")
+    unit = 1 if sys.platform == "darwin" else 1024
+    return float(unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 
 class Runner:

@@ -55,8 +55,6 @@ SHIPPED: dict[str, tuple[str, tuple[str, ...]]] = {
     "galewsky_viscous": ("galewsky", ("viscosity.nu=1e5",)),
 }
 """Solutions that come with the package: the scene and the settings of each."""
-CONVERGED_STEPPER = "rk4"
-"""Explicit stepper of the time-converged run."""
 SESSION = uuid.uuid4().hex
 """In the place of the fingerprint of code that is in no file: nothing of it is known later."""
 
@@ -188,7 +186,7 @@ class Study:
         files = {day: file_fingerprint(path) for day, path in self.files.items()}
         if role == "converged":
             return ("reference run", str(files))
-        return (str(self.plan.converged_part), str(files), *(["slow flow"] if self.slow else []))
+        return (str(files), *(["slow flow"] if self.slow else []))
 
     @cached_property
     def sources(self) -> dict[str, str]:

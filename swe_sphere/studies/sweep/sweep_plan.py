@@ -130,8 +130,6 @@ class SweepPlan(SharedConfig):
     """In which norm."""
     reference: Paths = ()
     """Lat-lon reference solution of a report day; repeatable."""
-    converged_part: Annotated[Number, Field(gt=0.0, le=0.5)] = 0.25
-    """Step of the time-converged run as a part of its stability limit."""
     slow: bool | None = None
     """Whether to take the slow-flow error; by default where the start of the scene sheds waves."""
     settings: Names = ()
