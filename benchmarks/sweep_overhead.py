@@ -17,8 +17,8 @@ import typer
 from rich.console import Console
 
 from swe_sphere.studies.sweep import SweepWatcher, make_plan
-from swe_sphere.studies.sweep.dataset import write_dataset
 from swe_sphere.studies.sweep.engine import Sweep
+from swe_sphere.studies.sweep.record import write_dataset
 from swe_sphere.studies.sweep.runner import execute, warm_up
 
 STEPPERS = ["leapfrog", "rk4", "semi-implicit", "tr-bdf2"]

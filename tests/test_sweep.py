@@ -17,8 +17,7 @@ from sweeps import assert_same_rows
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.diagnostics import slow_errors
 from swe_sphere.studies.sweep import SweepWatcher, engine, runner, sweep
-from swe_sphere.studies.sweep.dataset import write_dataset
-from swe_sphere.studies.sweep.record import runs_of
+from swe_sphere.studies.sweep.record import runs_of, write_dataset
 from swe_sphere.studies.sweep.runs import Study
 from swe_sphere.studies.sweep.sweep_plan import make_plan
 

@@ -11,8 +11,7 @@ from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.studies.sweep import SweepWatcher, sweep
-from swe_sphere.studies.sweep.dataset import UNITS, WORDS
-from swe_sphere.studies.sweep.record import runs_of
+from swe_sphere.studies.sweep.record import UNITS, WORDS, runs_of
 from swe_sphere.testcases import get_scene
 
 TINY = {"ne": 2, "np": 4, "days": 0.25, "repeats": 1, "dt": [3600]}

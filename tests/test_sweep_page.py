@@ -23,7 +23,7 @@ def test_the_example_runs(capsys):
 
 
 def test_every_variable_of_the_page_is_there():
-    from swe_sphere.studies.sweep.dataset import UNITS, WORDS
+    from swe_sphere.studies.sweep.record import UNITS, WORDS
 
     told = set(re.findall(r"`([a-z_]+)`", PAGE.split("| name | dimensions")[1]))
     known = {*WORDS, *UNITS, "error", "wall", "cpu", "spread"}

@@ -21,7 +21,7 @@ from swe_sphere.studies.sweep.steps import (
     longest_accurate,
     longest_working,
 )
-from swe_sphere.studies.sweep.sweep_plan import folder_of, load_recipe, make_plan, recipe_names
+from swe_sphere.studies.sweep.sweep_plan import RECIPES, folder_of, load_recipe, make_plan
 
 # --- plan
 
@@ -205,7 +205,12 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
 
 
 def test_the_recipes_of_the_package_are_plans():
-    assert recipe_names() == ["evans2010", "quick", "regimes", "regimes-quick"]
+    assert {path.stem for path in RECIPES.glob("*.toml")} == [
+        "evans2010",
+        "quick",
+        "regimes",
+        "regimes-quick",
+    ]
     evans = load_recipe("evans2010").plans({})
     scenes = "williamson2", "williamson5", "williamson6", "galewsky", "lauter"
     assert tuple(dict.fromkeys(plan.scene for plan in evans)) == scenes

@@ -17,8 +17,7 @@ from swe_sphere.files.fingerprints import processor
 from swe_sphere.studies.pages import MARK
 from swe_sphere.studies.record_store import locked
 from swe_sphere.studies.sweep import SweepWatcher, sweep
-from swe_sphere.studies.sweep.dataset import write_dataset
-from swe_sphere.studies.sweep.record import runs_of
+from swe_sphere.studies.sweep.record import runs_of, write_dataset
 from swe_sphere.testcases import get_scene
 
 TINY = {"ne": 2, "np": 4, "days": 0.25, "repeats": 1, "dt": [3600]}

@@ -72,7 +72,7 @@ def sweep(
         page = write_map(out, title=loaded.title, introduction=loaded.introduction)
     else:
         from swe_sphere.studies.report import write_report  # matplotlib takes its time to import
-        from swe_sphere.studies.sweep.dataset import write_dataset
+        from swe_sphere.studies.sweep.record import write_dataset
 
         for folder in _begun(out) if report_only or loaded else ():
             if folder not in datasets:

@@ -23,8 +23,14 @@ from swe_sphere.studies import words
 from swe_sphere.studies.pages import rendered
 from swe_sphere.studies.report.figures import INK, PAPER, STYLE, svg_text
 from swe_sphere.studies.report.ranking import Metric, read_runs
-from swe_sphere.studies.sweep.dataset import build_dataset
-from swe_sphere.studies.sweep.record import RUNS, Header, current, read_header, runs_of
+from swe_sphere.studies.sweep.record import (
+    RUNS,
+    Header,
+    build_dataset,
+    current,
+    read_header,
+    runs_of,
+)
 
 BASE = "explicit"
 OTHERS: tuple[str, ...] = tuple(name for name in get_args(Family) if name != BASE)

@@ -11,7 +11,6 @@ from base64 import b64encode
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from importlib.resources import files
 from itertools import chain
 from numbers import Real
 from pathlib import Path
@@ -46,6 +45,7 @@ from swe_sphere.studies.report.ranking import (
 from swe_sphere.studies.sweep.sweep_plan import Claim, Recipe
 
 TITLE = "What accuracy costs in time"
+COLUMNS = Path(__file__).with_name("templates") / "columns.toml"
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,8 +134,7 @@ def run_table(runs: pd.DataFrame, short: bool = False) -> pd.DataFrame:
 
     short: of the essential columns alone.
     """
-    text = files(__package__).joinpath("templates/columns.toml").read_text(encoding="utf-8")
-    known = tomllib.loads(text)
+    known = tomllib.loads(COLUMNS.read_text(encoding="utf-8"))
     errors = [
         {"title": f"{m.symbol} {m.kind}, day {m.day:g}", "name": m, "text": "error",
          "essential": True} for m in metrics(runs)

@@ -19,8 +19,7 @@ from xarray import Dataset
 from swe_sphere.errors import ConfigError
 from swe_sphere.studies import words
 from swe_sphere.studies.pages import prose
-from swe_sphere.studies.sweep.dataset import UNITS, WORDS
-from swe_sphere.studies.sweep.record import FIELDS
+from swe_sphere.studies.sweep.record import FIELDS, UNITS, WORDS
 
 COMPARED = ("grid", "target")
 """Roles of runs that stand for a setting; the others were made to find limits and references."""

@@ -23,13 +23,9 @@ from swe_sphere.simulation.observers import Observer, Ticker
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.studies.ended import BREAKDOWNS, Ended, stepped
 from swe_sphere.studies.record_store import Store
-from swe_sphere.studies.sweep.record import Errors, RunRecord, current
+from swe_sphere.studies.sweep.record import COUNTS, Errors, RunRecord, current
 from swe_sphere.studies.sweep.runs import Discretisation, History, Integrator, RunSpec
 
-COUNTS = (
-    "rhs_evaluations", "tangent_evaluations", "preconditioner_applications",
-    "newton_iterations", "krylov_iterations", "rejected_steps",
-)  # fmt: skip
 KEPT = ("u", "v", "h", "vorticity")
 """Fields of a state of which errors are taken."""
 TIMES = ("wall_seconds", "cpu_seconds", "setup_seconds", "compile_seconds", "total_seconds")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from importlib.resources import files
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -191,7 +190,7 @@ def _check_jobs(plan: SweepPlan, own: Scene | None) -> None:
         )
 
 
-RECIPES = Path(str(files("swe_sphere.studies.sweep"))) / "recipes"
+RECIPES = Path(__file__).with_name("recipes")
 
 
 class Claim(BaseModel):
@@ -233,11 +232,6 @@ class Recipe:
         return [make_plan(values | {**flags}) for values in chosen]
 
 
-def recipe_names() -> list[str]:
-    """Names of the recipes that come with the package."""
-    return sorted(path.stem for path in RECIPES.glob("*.toml"))
-
-
 def load_recipe(name: str) -> Recipe:
     """The recipe of that name, or in the TOML file of that path.
 
@@ -249,8 +243,8 @@ def load_recipe(name: str) -> Recipe:
     """
     path = Path(name)
     if path.suffix != ".toml":
-        if name not in recipe_names():
-            raise unknown_name("recipe", name, recipe_names())
+        if name not in (known := sorted(each.stem for each in RECIPES.glob("*.toml"))):
+            raise unknown_name("recipe", name, known)
         path = RECIPES / f"{name}.toml"
     table = read_toml(path)
     title, introduction = str(table.pop("title", path.stem)), str(table.pop("introduction", ""))
@@ -262,10 +256,10 @@ def load_recipe(name: str) -> Recipe:
     claims = {folder_of(table | each): each.pop("claim") for each in sweeps if "claim" in each}
     single = [by_field(one) for each in sweeps for one in _combinations(path, table | each)]
     try:
-        known = TypeAdapter(dict[str, Claim]).validate_python(claims)
+        checked = TypeAdapter(dict[str, Claim]).validate_python(claims)
     except ValidationError as error:
         raise ConfigError(f"claim: {place_and_complaint(error)}") from None
-    return Recipe(title, tuple(single), introduction, notes, known, mapped)
+    return Recipe(title, tuple(single), introduction, notes, checked, mapped)
 
 
 def folder_of(sweep: Mapping[str, Any]) -> str:
