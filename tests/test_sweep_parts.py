@@ -205,12 +205,8 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
 
 
 def test_the_recipes_of_the_package_are_plans():
-    assert {path.stem for path in RECIPES.glob("*.toml")} == [
-        "evans2010",
-        "quick",
-        "regimes",
-        "regimes-quick",
-    ]
+    names = {path.stem for path in RECIPES.glob("*.toml")}
+    assert names == {"evans2010", "quick", "regimes", "regimes-quick"}
     evans = load_recipe("evans2010").plans({})
     scenes = "williamson2", "williamson5", "williamson6", "galewsky", "lauter"
     assert tuple(dict.fromkeys(plan.scene for plan in evans)) == scenes

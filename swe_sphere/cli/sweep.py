@@ -140,13 +140,12 @@ def _by_name(
     datasets: Mapping[Path, xr.Dataset], out: Path, recipe: Recipe | None
 ) -> dict[str, xr.Dataset]:
     """Datasets by the names of their sections, in the order of the recipe."""
-    order = [folder_of(values) for values in recipe.sweeps] if recipe else []
     named = {
         folder.name if folder != out else str(dataset.attrs["scene"]): dataset
         for folder, dataset in datasets.items()
     }
-    names = sorted(named, key=lambda name: order.index(name) if name in order else len(order))
-    return {name: named[name] for name in names}
+    order = map(folder_of, recipe.sweeps if recipe else ())
+    return {name: named[name] for name in (*order, *named) if name in named}
 
 
 # --- on the terminal

@@ -101,20 +101,16 @@ def as_netcdf(dataset: xr.Dataset) -> bytes:
 def locked(folder: Path) -> Iterator[None]:
     """Make a folder and hold it within the block; however the process ends, the system lets it go.
 
-    Reading stays possible.  Where the system or the file system has no locks, nothing is held.
+    Reading stays possible.  Where the file system has no locks, nothing is held.
 
     Raises:
         ConfigError: another process holds it, or it cannot be made.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        file = os.open(folder, os.O_RDONLY)
     except OSError as error:
         raise ConfigError(f"out: {folder} cannot be made: {error.strerror}") from None
-    try:
-        file = os.open(folder, os.O_RDONLY)
-    except OSError:  # a system that opens no folders has no locks either
-        yield
-        return
     try:
         if not take_lock(file):
             raise ConfigError(

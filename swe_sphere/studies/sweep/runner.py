@@ -6,7 +6,6 @@ import ctypes
 import gc
 import math
 import re
-import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -143,17 +142,12 @@ def begin_peak() -> bool:
 def peak_memory() -> float:
     """Return the most memory resident since `begin_peak` [bytes], with interpreter and libraries.
 
-    Without /proc it is the most since the process began; NaN where the system reports neither.
+    NaN where the system does not report it.
     """
     with suppress(OSError):
         if found := re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text()):
             return 1024.0 * float(found[1])
-    try:
-        import resource
-    except ImportError:  # not on this system
-        return float("nan")
-    unit = 1 if sys.platform == "darwin" else 1024
-    return float(unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    return math.nan
 
 
 class Runner:
