@@ -5,6 +5,7 @@ import math
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -70,8 +71,8 @@ def test_what_is_no_record_is_named_in_one_line(tmp_path, text, complaint):
         assert complaint in str(error.value) and "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("call", ["write", "fsync", "replace"])
-def test_a_record_that_the_disk_refuses_leaves_nothing(tmp_path, monkeypatch, call):
+@pytest.mark.parametrize(("owner", "call"), [(Path, "write_bytes"), (os, "fsync"), (os, "replace")])
+def test_a_record_that_the_disk_refuses_leaves_nothing(tmp_path, monkeypatch, owner, call):
     store = Store(tmp_path, Number)
     store.add(Number(seconds=1))
 
@@ -79,7 +80,7 @@ def test_a_record_that_the_disk_refuses_leaves_nothing(tmp_path, monkeypatch, ca
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as full:
-        full.setattr(os, call, refuse)
+        full.setattr(owner, call, refuse)
         with pytest.raises(RunFailed, match=r"cannot write .*No space left on device; mend that"):
             store.add(Number(seconds=2))
     assert len(store.records) == 1 and len([*tmp_path.iterdir()]) == 1
