@@ -59,6 +59,16 @@ class Effect:
     """Whether the effect damps: the user may switch it on for any scene, and leapfrog schemes take
     it at the past level."""
 
+    strengths: ClassVar[tuple[str, ...]] = ()
+    """Parameters that must be finite and not negative; where one is zero, the effect vanishes."""
+
+    def __post_init__(self) -> None:
+        for name in self.strengths:
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value >= 0.0):
+                label = f"{self.name}.{name}"
+                raise ConfigError(f"{label} must be finite and not negative, not {value}")
+
     @property
     def diffuses(self) -> bool:
         """True for a linear damping with derivatives, which explicit steppers apply separately."""
@@ -78,7 +88,7 @@ class Effect:
     @property
     def absent(self) -> bool:
         """Whether the parameters make the effect vanish, so that it need not be computed."""
-        return False
+        return any(getattr(self, name) == 0.0 for name in self.strengths)
 
     def coefficients(self, mesh: Mesh) -> Mapping[str, float | Array]:
         """The numbers, and for point-wise effects fields (N,), that its terms read, by name."""
@@ -95,12 +105,6 @@ class Effect:
     def parameters(cls) -> tuple[str, ...]:
         """Names of the parameters."""
         return tuple(field.name for field in fields(cls))
-
-
-def check_coefficient(label: str, value: float) -> None:
-    """ConfigError for a coefficient that is negative or not finite."""
-    if not (math.isfinite(value) and value >= 0.0):
-        raise ConfigError(f"{label} must be finite and not negative, not {value}")
 
 
 @dataclass(frozen=True)
@@ -211,15 +215,8 @@ class Viscosity(Effect):
     conserves = MASSES
     dissipation = True
     terms = frozenset({"diffusion"})
+    strengths = ("nu",)
     nu: float
-
-    def __post_init__(self) -> None:
-        check_coefficient(f"{self.name}.nu", self.nu)
-
-    @property
-    def absent(self) -> bool:
-        """True where ν = 0."""
-        return self.nu == 0.0
 
     def coefficients(self, mesh: Mesh) -> dict[str, float]:
         """ν [m2 s-1]."""
@@ -243,16 +240,8 @@ class Hyperviscosity(Effect):
     conserves = MASSES
     dissipation = True
     terms = frozenset({"biharmonic"})
+    strengths = ("nu",)
     nu: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.nu is not None:
-            check_coefficient(f"{self.name}.nu", self.nu)
-
-    @property
-    def absent(self) -> bool:
-        """True where ν = 0."""
-        return self.nu == 0.0
 
     def coefficients(self, mesh: Mesh) -> dict[str, float]:
         """ν [m4 s-1], by default that of the mesh."""
@@ -289,18 +278,9 @@ class EdgePenalty(Effect):
     excludes: ClassVar[Mapping[str, str]] = {
         "prescribed-wind": "a prescribed wind has no jumps to damp; leave out edge-penalty"
     }
+    strengths = ("c", "speed")
     c: float = 0.01
     speed: float | None = None
-
-    def __post_init__(self) -> None:
-        check_coefficient(f"{self.name}.c", self.c)
-        if self.speed is not None:
-            check_coefficient(f"{self.name}.speed", self.speed)
-
-    @property
-    def absent(self) -> bool:
-        """True where the strength is zero."""
-        return self.c == 0.0 or self.speed == 0.0
 
     def strength(self, mesh: Mesh, speed: float) -> Array:
         """Return gamma (E,) [m2 s-1] of each element for a wind speed [m s-1]."""
@@ -399,12 +379,9 @@ class Drag(PointwiseEffect):
     name = "drag"
     conserves = MASSES
     dissipation = True
+    strengths = ("linear", "quadratic")
     linear: float = 0.0
     quadratic: float = 0.0
-
-    def __post_init__(self) -> None:
-        check_coefficient(f"{self.name}.linear", self.linear)
-        check_coefficient(f"{self.name}.quadratic", self.quadratic)
 
     @property
     def absent(self) -> bool:

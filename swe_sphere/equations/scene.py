@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
-import operator
 import re
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import partial
-from numbers import Real
+from itertools import chain
+from numbers import Integral, Real
 from typing import Any, get_type_hints
 
 from swe_sphere.arrays import Array
@@ -125,13 +125,14 @@ class Scene:
     """The scene parameters (alpha, ...) this scene was made with."""
 
     def __post_init__(self) -> None:
-        check_kinds(self)
+        _refuse(self, _wrong_kinds)
         object.__setattr__(self, "title", self.title or self.name)
         rotates = any(effect.needs == "coriolis" for effect in self.effects)
         given = getattr(self.coriolis, "function", self.coriolis)
         if rotates and (given is None or getattr(given, "__func__", None) is Planet.coriolis):
             object.__setattr__(self, "coriolis", self.planet.coriolis)
-        check_values(self)
+        _check_texts(self)
+        _refuse(self, _wrong_effects, _wrong_tracers, _wrong_numbers)
         for name, function in checked_functions(vars(self)).items():
             object.__setattr__(self, name, function)
 
@@ -255,22 +256,19 @@ def _configured(scene: Scene, name: str, given: Mapping[str, object]) -> Effect:
     return cls(**values)
 
 
-def check_kinds(scene: Scene) -> None:
-    """Raise ConfigError for the first attribute of the wrong type."""
-    for fault in _wrong_kinds(scene):
+def _refuse(scene: Scene, *checks: Callable[[Scene], Iterator[str]]) -> None:
+    """Raise ConfigError for the first fault that a check finds."""
+    for fault in chain.from_iterable(check(scene) for check in checks):
         raise ConfigError(f"{scene.name}: {fault}")
 
 
-def check_values(scene: Scene) -> None:
-    """Raise ConfigError for the first thing that is wrong, after `check_kinds`."""
+def _check_texts(scene: Scene) -> None:
+    """Raise ConfigError for a text that cannot be written into files and tables."""
     if not scene.name.strip():
         raise ConfigError("name: give the scene a name")
-    for name in ("name", "title", "reference"):  # which are written into files and tables
+    for name in ("name", "title", "reference"):
         if not "".join(getattr(scene, name).split()).isprintable():
             raise ConfigError(f"{scene.name!a}: {name} holds characters that cannot be printed")
-    for faults in (_wrong_effects, _wrong_tracers, _wrong_numbers):
-        for fault in faults(scene):
-            raise ConfigError(f"{scene.name}: {fault}")
 
 
 def _wrong_kinds(scene: Scene) -> Iterator[str]:
@@ -348,12 +346,10 @@ def _wrong_tracers(scene: Scene) -> Iterator[str]:
 def _wrong_numbers(scene: Scene) -> Iterator[str]:
     if scene.error_field not in ("h", "surface"):
         yield "error_field is 'h' or 'surface'"
-    for name, value in (("ne", scene.ne), ("np", scene.np)):
-        try:
-            whole = -1 if isinstance(value, bool) else operator.index(value)
-        except TypeError:
-            whole = -1
-        if not 1 <= whole <= MOST_ELEMENTS:
+    sizes: dict[str, Any] = {"ne": scene.ne, "np": scene.np}
+    for name, value in sizes.items():
+        whole = isinstance(value, Integral) and not isinstance(value, bool)
+        if not (whole and 1 <= value <= MOST_ELEMENTS):
             yield f"{name} must be a whole number from 1 to {MOST_ELEMENTS}, not {shown(value)}"
     positive = {"days": scene.days, "radius": scene.planet.radius, "gravity": scene.planet.gravity}
     for name, number in (positive | ({} if scene.dt is None else {"dt": scene.dt})).items():
@@ -365,11 +361,7 @@ def _wrong_numbers(scene: Scene) -> Iterator[str]:
         yield f"rotation must be finite, not {scene.planet.rotation!r}"
 
 
-def is_finite(value: object) -> bool:
+def is_finite(value: Any) -> bool:
     """Return True for finite numbers, but not for switches or numbers too large for a float."""
-    if isinstance(value, bool) or not isinstance(value, Real):
-        return False
-    try:
-        return math.isfinite(value)
-    except OverflowError:
-        return False
+    number = isinstance(value, Real) and not isinstance(value, bool)
+    return number and bool(abs(value) <= sys.float_info.max)

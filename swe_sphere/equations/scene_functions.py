@@ -84,10 +84,12 @@ class _Function:
         lon, lat = np.broadcast_arrays(lon, lat)
         if not self.names:
             return fitted(self.label, result, lon, lat, self.may_be_nan)
-        named, listed = self._named(result), ", ".join(self.names)
-        if isinstance(named, str):
+        named = self._named(result)
+        if not isinstance(named, dict):
             what = "fields by the names of tracers" if self.by_name else f"{len(self.names)} fields"
-            raise ConfigError(f"{self.label} must return {what} ({listed}), not {named}")
+            raise ConfigError(
+                f"{self.label} must return {what} ({', '.join(self.names)}), not {named}"
+            )
         fields = {
             name: fitted(f"{self.label} {name}", field, lon, lat, self.may_be_nan)
             for name, field in named.items()
@@ -96,16 +98,13 @@ class _Function:
 
     def _named(self, result: Any) -> dict[str, Any] | str:
         """The fields by name, or what was found in their place."""
-        kind = type(result).__name__
+        if not isinstance(result, Mapping if self.by_name else Iterable):
+            return type(result).__name__
         if self.by_name:
-            if not isinstance(result, Mapping):
-                return kind
-            return str(list(result)) if set(result) - set(self.names) else dict(result)
-        if not isinstance(result, Iterable):
-            return kind
+            return str([*result]) if {*result} - {*self.names} else dict(result)
         fields = [*result]
-        unfit = len(fields) != len(self.names)
-        return f"{len(fields)} of them" if unfit else dict(zip(self.names, fields, strict=True))
+        fits = len(fields) == len(self.names)
+        return dict(zip(self.names, fields, strict=True)) if fits else f"{len(fields)} of them"
 
 
 def fitted(label: str, original: Any, lon: Array, lat: Array, may_be_nan: bool = False) -> Array:
