@@ -132,7 +132,7 @@ def test_looking_at_the_health_reads_no_state(monkeypatch):
 
 def test_what_changes_in_time_is_not_recorded(small_mesh):
     scene = get_scene("williamson4")
-    assert scene.effect(Forcing.name) and not Model(small_mesh, scene).repeats
+    assert scene.effect(Forcing.name) and not scene.autonomous
 
 
 def test_a_class_with_steps_of_its_own_says_whether_they_repeat():

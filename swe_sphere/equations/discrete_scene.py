@@ -1,13 +1,12 @@
 """A scene on a mesh and a device: the coefficients and fields of its effects."""
 
-from collections.abc import Callable, Sequence
-from functools import cached_property
+from collections.abc import Sequence
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from swe_sphere.arrays import Array
 from swe_sphere.equations.effects import EdgePenalty, Effect, PointwiseEffect
 from swe_sphere.equations.scene import Scene, is_finite
 from swe_sphere.equations.scene_functions import fitted
@@ -48,7 +47,10 @@ class DiscreteScene:
         self.fluid = ("h",) if scene.wind else ("u", "v", "h")
         """Names of the blocks (N,) of wind and depth in a state; tracers come behind them."""
         self.fluid_size = len(self.fluid) * self.device_mesh.size
-        self.bottom, self.coriolis = _on_nodes(scene.bottom, mesh), _on_nodes(scene.coriolis, mesh)
+        self.bottom, self.coriolis = (
+            np.zeros(mesh.size) if field is None else field(mesh.lon, mesh.lat)
+            for field in (scene.bottom, scene.coriolis)
+        )
         self.parameters = parameters = _parameters(scene, self.device_mesh)
         """Coefficients and fields of the effects, on the device."""
         self.wind, self.forcing = (
@@ -59,17 +61,12 @@ class DiscreteScene:
             )
         )
         self.set_time(0.0)  # a function that fails does so before anything is computed
-        self._rooms: dict[str, wp.array] = {}
+        self.room = cache(lambda name: DiscreteScene.zeros(self, self.fluid_size))
+        """Room for a field of wind and depth that all models which share arrays use in turns."""
 
     def zeros(self, size: int) -> wp.array:
         """Return zeros (size,) in the number type of the run."""
         return wp.zeros(size, dtype=self.device_mesh.real, device=self.device)
-
-    def room(self, name: str) -> wp.array:
-        """Room for a field of wind and depth that all models which share arrays use in turns."""
-        if name not in self._rooms:
-            self._rooms[name] = self.zeros(self.fluid_size)
-        return self._rooms[name]
 
     @cached_property
     def edge_penalty(self) -> EdgePenaltyOperator:
@@ -95,11 +92,6 @@ class DiscreteScene:
         """Bring the prescribed wind and the forcing to time t [s]."""
         self.wind.set_time(t)
         self.forcing.set_time(t)
-
-
-def _on_nodes(formula: Callable[[Array, Array], Array] | None, mesh: Mesh) -> Array:
-    """The field (N,) on the nodes, zeros where the scene has none."""
-    return np.zeros(mesh.size) if formula is None else formula(mesh.lon, mesh.lat)
 
 
 def _parameters(scene: Scene, on: DeviceMesh) -> dict[str, Any]:

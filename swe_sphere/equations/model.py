@@ -18,7 +18,7 @@ from swe_sphere.equations.right_hand_side import (
     needs_base,
 )  # fmt: skip
 from swe_sphere.equations.scene import Scene, State
-from swe_sphere.equations.spectrum import Spectrum, estimate_spectrum, spectral_radius
+from swe_sphere.equations.spectrum import Spectrum, spectral_radius
 from swe_sphere.equations.tracer_equations import TracerEquations, mixing_ratios
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.simd.stages import stage_struct
@@ -45,15 +45,9 @@ class Model(DiscreteScene):
     """
 
     def __init__(
-        self,
-        mesh: Mesh,
-        scene: Scene,
-        device: str = "cpu",
-        precision: str = "float64",
-        shape: str | None = None,
-        jacobian: str = "exact",
-        comm: Communicator | None = None,
-    ) -> None:
+        self, mesh: Mesh, scene: Scene, device: str = "cpu", precision: str = "float64",
+        shape: str | None = None, jacobian: str = "exact", comm: Communicator | None = None,
+    ) -> None:  # fmt: skip
         if jacobian not in JACOBIANS:
             raise ConfigError(f"the Jacobian is exact or difference, not {jacobian!r}")
         super().__init__(mesh, scene, device, precision, shape, comm or Communicator())
@@ -78,11 +72,6 @@ class Model(DiscreteScene):
     def compile_seconds(self) -> float:
         """Wall time spent compiling or loading kernels so far [s]."""
         return self.launch.compile_seconds
-
-    @property
-    def repeats(self) -> bool:
-        """Whether a right-hand side is the same launches at all times, with nothing in between."""
-        return self.wind.steady and self.forcing.steady
 
     @property
     def dissipative(self) -> bool:
@@ -163,14 +152,9 @@ class Model(DiscreteScene):
     # --- right-hand sides
 
     def right_hand_side(
-        self,
-        component: str = "all",
-        *,
-        stage: tuple[wp.array, float] | None = None,
-        base: wp.array | None = None,
-        fluid_only: bool = False,
-        counted: bool = True,
-    ) -> RightHandSide:
+        self, component: str = "all", *, stage: tuple[wp.array, float] | None = None,
+        base: wp.array | None = None, fluid_only: bool = False, counted: bool = True,
+    ) -> RightHandSide:  # fmt: skip
         """Return a component of the right-hand side, see `RightHandSide`.
 
         stage: (start, tau [s]), where the result is to be start + tau rate; start is a state, and
@@ -184,11 +168,11 @@ class Model(DiscreteScene):
         operations = fluid_operations(self, component, base, step)
         if self.tracers is not None and not fluid_only:
             operations += self.tracers.operations(component, base, step)
-        counter, names = COMPONENTS[component]
-        fields = (getattr(self, name) for name in names)
+        counter = COMPONENTS[component]
+        fields = (self.wind,) if component == "tangent" else (self.wind, self.forcing)
         return RightHandSide(
             operations=tuple(operations),
-            prescribed=tuple(each for each in fields if not each.steady),
+            prescribed=tuple(each for each in fields if counter and not each.steady),
             counters=self.counters,
             counter=counter if counted else None,
             replay=Replay(self.launch),
@@ -205,19 +189,9 @@ class Model(DiscreteScene):
         return self.right_hand_side("conservative")
 
     @cached_property
-    def fluid_tendency(self) -> RightHandSide:
-        """Rates of wind and depth without dissipation; vectors may hold nothing else."""
-        return self.right_hand_side("conservative", fluid_only=True)
-
-    @cached_property
     def dissipative_tendency(self) -> Operator:
         """The dissipation alone, for schemes that step it apart: (state, out)."""
         return self.right_hand_side("dissipative").at_start
-
-    @cached_property
-    def fluid_dissipation(self) -> Operator:
-        """Dissipation of wind and depth; vectors may hold nothing else."""
-        return self.right_hand_side("dissipative", fluid_only=True).at_start
 
     @cached_property
     def diffusion(self) -> Operator:
@@ -228,7 +202,7 @@ class Model(DiscreteScene):
     def diffusion_radius(self) -> float:
         """Largest damping rate of viscosity and hyperviscosity [s-1], the same for all states."""
         diffusion = self.right_hand_side("diffusive", fluid_only=True).at_start
-        return spectral_radius(self, self.initial_state(), diffusion, reach=1.0)
+        return spectral_radius(self, self.initial_state(), diffusion, "diffusive")
 
     def jacobian(self) -> Jacobian:
         """Return a Jacobian to be kept and brought to one state after the other by `update`."""
@@ -245,8 +219,15 @@ class Model(DiscreteScene):
     def spectrum(self, state: wp.array, t: float = 0.0) -> Spectrum:
         """Extent of the spectrum of the Jacobian at a state, which limits explicit steps [s-1]."""
         waves = self.right_hand_side("conservative", fluid_only=True, counted=False)
-        dissipation = self.fluid_dissipation if self.dissipative else None
-        return estimate_spectrum(self, state, lambda x, out: waves(x, t, out), dissipation)
+        wave = spectral_radius(self, state, lambda x, out: waves(x, t, out))
+        return Spectrum(wave, self.dissipation_radius(state))
+
+    def dissipation_radius(self, state: wp.array) -> float:
+        """Largest damping rate of all dissipation at a state [s-1]."""
+        if not self.dissipative:
+            return 0.0
+        operator = self.right_hand_side("dissipative", fluid_only=True).at_start
+        return spectral_radius(self, state, operator, "dissipative")
 
     def point_of_tangent(self, state: wp.array) -> wp.array:
         """Where the Jacobian is taken: at the state, but of linearised dynamics at their base."""

@@ -38,23 +38,11 @@ class Operation(NamedTuple):
     """None: the result."""
 
 
-class Component(NamedTuple):
-    """A component of right-hand sides: its counter, and the fields that it reads at the time t."""
-
-    counter: str | None
-    prescribed: tuple[str, ...]
-
-
-_RATES = Component("rhs_evaluations", ("wind", "forcing"))
-
-COMPONENTS: Mapping[str, Component] = {
-    "all": _RATES,
-    "conservative": _RATES,
-    "dissipative": Component(None, ()),
-    "diffusive": Component(None, ()),
-    "tangent": Component("tangent_evaluations", ("wind",)),
-}
-"""The components by name.
+COMPONENTS: Mapping[str, str | None] = {
+    "all": "rhs_evaluations", "conservative": "rhs_evaluations", "dissipative": None,
+    "diffusive": None, "tangent": "tangent_evaluations",
+}  # fmt: skip
+"""The components by name, and the counter of each.
 
 "all" is the sum of "conservative" and "dissipative".  "diffusive" is the viscosity and the
 hyperviscosity in "dissipative".  "tangent" is the derivative of "all" at a base along a direction.
@@ -134,13 +122,9 @@ def needs_base(model: DiscreteScene) -> bool:
 
 
 def term_operations(
-    model: DiscreteScene,
-    terms: Terms,
-    point: Pointwise = NO_POINTWISE,
-    given: Mapping[str, Any] | None = None,
-    stage: Any = None,
-    source: wp.array | None = None,
-) -> list[Operation]:
+    model: DiscreteScene, terms: Terms, point: Pointwise = NO_POINTWISE,
+    given: Mapping[str, Any] | None = None, stage: Any = None, source: wp.array | None = None,
+) -> list[Operation]:  # fmt: skip
     """Return the operations of compiled terms; hyperviscosity takes a Laplacian first.
 
     given: parameters in the place of those of the model.
@@ -176,7 +160,7 @@ def pointwise_terms(scene: Scene, component: str, parameters: Mapping[str, Any])
     """
     flags = _flags(scene, component)
     tangent = "tangent" in flags
-    effects = [e for e in _acting(scene, component) if isinstance(e, PointwiseEffect)]
+    effects = [e for e in acting(scene, component) if isinstance(e, PointwiseEffect)]
     return Pointwise(
         rotation="rotation" in flags and "wind" not in flags,
         forcing="forcing" in flags,
@@ -185,7 +169,7 @@ def pointwise_terms(scene: Scene, component: str, parameters: Mapping[str, Any])
     )
 
 
-def _acting(scene: Scene, component: str) -> list[Effect]:
+def acting(scene: Scene, component: str) -> list[Effect]:
     """Return the effects in a component (see `COMPONENTS`)."""
     acts: Mapping[str, Callable[[Effect], bool]] = {
         "all": lambda effect: True,
@@ -198,7 +182,7 @@ def _acting(scene: Scene, component: str) -> list[Effect]:
 
 
 def _flags(scene: Scene, component: str) -> set[str]:
-    flags = {flag for effect in _acting(scene, component) for flag in effect.terms}
+    flags = {flag for effect in acting(scene, component) for flag in effect.terms}
     flags |= {flag for effect in scene.effects for flag in effect.everywhere}
     own = {"dissipative": {"still"}, "diffusive": {"still"}, "tangent": {"tangent"}}
     return flags | own.get(component, set())
@@ -210,30 +194,19 @@ def _point_term(effect: PointwiseEffect, known: Mapping[str, Any], tangent: bool
     read = {name for f in (wind, depth) if f is not None for name in f.__code__.co_names}
     numbers = tuple(name for name in known if name in read and np.ndim(known[name]) == 0)
     arrays = tuple(name for name in known if name in read and name not in numbers)
-    return PointTerm(effect.name, wind, depth, numbers, arrays, _read_around(wind, depth))
+    around = tuple(_read_around(f) for f in (wind, depth) if f is not None)
+    return PointTerm(effect.name, wind, depth, numbers, arrays, around)
 
 
-def _read_around(*formulas: Callable[..., Any] | None) -> tuple[object, ...]:
-    """Return what formulas, and functions of Warp in them, read from the code around them."""
-    found: dict[tuple[str, str], object] = {}
-    waiting = [formula for formula in formulas if formula is not None]
-    while waiting:
-        formula = waiting.pop()
-        around = inspect.getclosurevars(formula)
-        for name, value in {**around.globals, **around.nonlocals}.items():
-            place = formula.__module__, name
-            if isinstance(value, wp.Function) and value.func is not None and place not in found:
-                waiting.append(value.func)
-            found[place] = value
-    return tuple((*place, type(found[place]), _hashable(found[place])) for place in sorted(found))
-
-
-def _hashable(value: object) -> object:
-    try:
-        hash(value)
-    except TypeError:
-        return str(value)  # of vectors and matrices of Warp: their numbers
-    return value
+def _read_around(formula: Callable[..., Any]) -> tuple[object, ...]:
+    """Return what a formula, and functions of Warp in it, read from the code around them."""
+    around = inspect.getclosurevars(formula)
+    return tuple(
+        (name, _read_around(value.func))
+        if isinstance(value, wp.Function) and value.func is not None
+        else (name, repr(value))
+        for name, value in sorted({**around.globals, **around.nonlocals}.items())
+    )
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.discrete_scene import DiscreteScene
-from swe_sphere.equations.right_hand_side import Operator
+from swe_sphere.equations.right_hand_side import Operator, acting
 from swe_sphere.errors import ConfigError
 from swe_sphere.ranks.limits import one_thread
 
@@ -19,7 +19,7 @@ TOLERANCE = 1e-2
 BASIS = 16
 """Vectors of a Krylov basis."""
 CYCLES = 20
-"""Number of bases after which no eigenvalue is found."""
+"""Most bases: what the last one finds is taken as it is."""
 INVARIANT = 1e-6
 """Part of a product outside the basis that is no more than rounding."""
 
@@ -35,49 +35,24 @@ class Spectrum:
     """What the wind has in `wave`, and the Coriolis parameter; told where a limit depends on it."""
 
 
-def estimate_spectrum(
-    model: DiscreteScene,
-    state: wp.array,
-    waves: Operator,
-    dissipation: Operator | None = None,
-) -> Spectrum:
-    """Spectral radii of the two parts of the right-hand side at a state, to about 1 %.
-
-    The largest eigenvalue is found by Arnoldi iteration on the Jacobian-vector product
-    [F(u+d) - F(u-d)]/2, exact for a d of any size where F is a quadratic polynomial of the state;
-    else d is small.  Raises ConfigError where the right-hand side is not finite.
-    """
-    wave = spectral_radius(model, state, waves, _reach(model, dissipative=False))
-    damping = 0.0
-    if dissipation is not None:
-        reach = _reach(model, dissipative=True)
-        damping = spectral_radius(model, state, dissipation, reach)
-    model.launch.forget()
-    return Spectrum(wave, damping)
-
-
-def _reach(model: DiscreteScene, dissipative: bool) -> float:
-    """Size of the differences, relative to the state."""
-    effects = [e for e in model.scene.effects if e.dissipation == dissipative]
-    if all(effect.degree is not None and effect.degree <= 2 for effect in effects):
-        return 1.0
-    return float(np.cbrt(np.finfo(model.device_mesh.numpy_real).eps))
-
-
 def spectral_radius(
-    model: DiscreteScene, state: wp.array, operator: Operator, reach: float
+    model: DiscreteScene, state: wp.array, operator: Operator, component: str = "conservative"
 ) -> float:
-    """Largest modulus of the eigenvalues [s-1] of an operator's derivative, to about 1 %.
+    """Largest modulus of eigenvalues [s-1] of an operator's derivative at a state, to about 1 %.
 
-    reach: size of the differences, relative to the state; any where the operator is quadratic.
-    Raises ConfigError where it is not finite.
+    operator: of wind and depth, and part of that component of the right-hand side.  The eigenvalue
+    is found by Arnoldi iteration on the product [F(u+d) - F(u-d)]/2, exact for a d of any size
+    where F is a quadratic polynomial of the state; else d is small.  Raises ConfigError where the
+    right-hand side is not finite.
     """
+    degrees = [effect.degree for effect in acting(model.scene, component)]
+    quadratic = all(degree is not None and degree <= 2 for degree in degrees)
+    reach = 1.0 if quadratic else float(np.cbrt(np.finfo(model.device_mesh.numpy_real).eps))
     product = _scaled_product(model, state, operator, reach)
     start = np.random.default_rng(0).standard_normal(len(model.fluid) * model.mesh.size)
     with np.errstate(over="ignore", invalid="ignore"):
         found = largest_modulus(product, start, TOLERANCE)
-    if found is None:
-        return _power_iteration(product, start)
+    model.launch.forget()
     if not np.isfinite(found):
         raise ConfigError(
             f"{model.scene.name}: the equations overflow at the start: its fields or the"
@@ -86,8 +61,8 @@ def spectral_radius(
     return found
 
 
-def largest_modulus(product: Product, start: Array, tolerance: float) -> float | None:
-    """Modulus of the largest eigenvalue, to a relative tolerance; None where it is not found.
+def largest_modulus(product: Product, start: Array, tolerance: float) -> float:
+    """Modulus of the largest eigenvalue, to a relative tolerance unless that is out of reach.
 
     Arnoldi iteration from `start` (n,), begun anew from the largest Ritz vector, in float32, which
     rounds a thousand times less than any tolerance worth asking for.  A product that is not finite
@@ -109,9 +84,9 @@ def largest_modulus(product: Product, start: Array, tolerance: float) -> float |
             first = np.abs(values).argmax()
             largest = float(np.abs(values[first]))
             if small[-1, -1] * np.abs(vectors[-1, first]) <= tolerance * largest:
-                return largest
+                break
             begin = vectors[:, first].real.astype(np.float32) @ basis[:-1]
-    return None
+    return largest
 
 
 def _hessenberg(product: Product, basis: NDArray[np.float32]) -> Array:
@@ -178,15 +153,3 @@ def _unit_of_depth(model: DiscreteScene, fluid: wp.array) -> float:
     depth = model.device_mesh.collect(fluid[-model.device_mesh.size :])
     mean = np.average(depth.astype(np.float64), weights=model.mesh.area)
     return float(np.sqrt(mean / model.scene.planet.gravity))
-
-
-def _power_iteration(product: Product, d: Array, steps: int = 40) -> float:
-    """Growth of the operator's square, for a spectrum that Arnoldi iteration cannot separate."""
-    growth = 0.0
-    for _ in range(steps):
-        d = d / np.linalg.norm(d)
-        d = product(product(d))
-        growth = float(np.sqrt(np.linalg.norm(d)))
-        if growth == 0.0:
-            break
-    return growth

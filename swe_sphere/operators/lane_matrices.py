@@ -63,14 +63,9 @@ class SlicedMatrix:
         self._entries = starts, wp.array(diagonals, dtype=wp.int32, device=mesh.device), values
 
     def sweep(
-        self,
-        coefficients: tuple[float, float, float],
-        per_diagonal: wp.array,
-        r: Field,
-        directions: tuple[Field, Field],
-        before: Field,
-        x: Field,
-    ) -> None:
+        self, coefficients: tuple[float, float, float], per_diagonal: wp.array, r: Field,
+        directions: tuple[Field, Field], before: Field, x: Field,
+    ) -> None:  # fmt: skip
         """r -= M d; new = keep d + take r/diagonal; x = before + beta new, with directions d, new.
 
         coefficients: keep, take and beta, as `chebyshev_coefficients` has them.

@@ -222,12 +222,9 @@ class SchurMatrix:
         return (scipy.sparse.eye_array(self.mesh.size) - tau**2 * self.gravity * product).tocsr()
 
     def galerkin(
-        self,
-        mass: scipy.sparse.csr_matrix,
-        slopes: scipy.sparse.csr_matrix,
-        tau: float,
+        self, mass: scipy.sparse.csr_matrix, slopes: scipy.sparse.csr_matrix, tau: float,
         depth: Array,
-    ) -> scipy.sparse.csr_matrix:
+    ) -> scipy.sparse.csr_matrix:  # fmt: skip
         """B^T M S B of the symmetric part of S for a basis B, with M the areas.
 
         mass = B^T M B and slopes = G B (2N, V).

@@ -25,14 +25,9 @@ class TendencyOperator:
     """
 
     def __init__(
-        self,
-        mesh: DeviceMesh,
-        terms: Terms,
-        launch: Launcher,
-        parameters: Mapping[str, Any],
-        point: Pointwise = NO_POINTWISE,
-        stage: Any = None,
-    ) -> None:
+        self, mesh: DeviceMesh, terms: Terms, launch: Launcher, parameters: Mapping[str, Any],
+        point: Pointwise = NO_POINTWISE, stage: Any = None,
+    ) -> None:  # fmt: skip
         self.mesh, self.terms, self._launch = mesh, terms, launch
         self._stage = mesh.stage if stage is None else stage
         inside = terms.dynamics
@@ -71,13 +66,9 @@ class TendencyOperator:
 
 
 def pointwise_operator(
-    mesh: DeviceMesh,
-    unknowns: int,
-    launch: Launcher,
-    parameters: Mapping[str, Any],
-    point: Pointwise,
-    stage: Any = None,
-) -> Callable[[wp.array, wp.array], None]:
+    mesh: DeviceMesh, unknowns: int, launch: Launcher, parameters: Mapping[str, Any],
+    point: Pointwise, stage: Any = None,
+) -> Callable[[wp.array, wp.array], None]:  # fmt: skip
     """Return the function (x, out) of the pointwise terms where no term has derivatives.
 
     Arguments as for `TendencyOperator`.

@@ -7,7 +7,6 @@ explicit.
 """
 
 import time
-from dataclasses import replace
 
 import numpy as np
 import warp as wp
@@ -16,7 +15,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.equations.effects import EFFECTS
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.right_hand_side import Operator
-from swe_sphere.equations.spectrum import Spectrum, estimate_spectrum
+from swe_sphere.equations.spectrum import Spectrum, spectral_radius
 from swe_sphere.equations.tracer_equations import TracerEquations
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
@@ -79,39 +78,36 @@ def explicit_spectrum(model: Model, state: wp.array, t: float = 0.0) -> Spectrum
     without gravity waves.
     """
     at_rest = state_of_rest(model)
-    dissipation = model.fluid_dissipation if model.dissipative else None
-    found = estimate_spectrum(model, state, _advection(model, state, t), dissipation)
-    wave = max(found.wave, INERTIAL * float(np.abs(model.coriolis).max()))
+    inertial = INERTIAL * float(np.abs(model.coriolis).max())
+    wave = max(advection_rate(model, state, t), inertial)
     if any(effect.name not in EFFECTS for effect in model.scene.effects):
         ones = np.ones(model.fluid_size)
         linear, image = wave_operator(model, at_rest), model.device_mesh.upload(ones)
         space = VectorSpace(ones, model.device, model.device_mesh.real)
+        tendency = model.right_hand_side("conservative", fluid_only=True)
 
         def rest(x: wp.array, out: wp.array) -> None:
             """out = (F - L) x for wind and depth."""
-            model.fluid_tendency(x, t, out)
+            tendency(x, t, out)
             linear(x, image)
             space.axpy(-1.0, image, out)
 
-        wave = max(wave, estimate_spectrum(model, state, rest).wave)
-    return replace(found, wave=wave)
+        wave = max(wave, spectral_radius(model, state, rest))
+    return Spectrum(wave, model.dissipation_radius(state))
 
 
 def advection_rate(model: Model, state: wp.array, t: float = 0.0) -> float:
     """Spectral radius [s-1] of the advection of depth by the wind of a state, -div(V h)."""
-    return estimate_spectrum(model, state, _advection(model, state, t)).wave
-
-
-def _advection(model: Model, state: wp.array, t: float) -> Operator:
     winds = 2 * model.device_mesh.size
     wind = wp.clone(state[:winds])
+    tendency = model.right_hand_side("conservative", fluid_only=True)
 
     def advection(x: wp.array, out: wp.array) -> None:
         wp.copy(x, wind, count=winds)
-        model.fluid_tendency(x, t, out)
+        tendency(x, t, out)
         out[:winds].zero_()
 
-    return advection
+    return spectral_radius(model, state, advection)
 
 
 class TracerWaves:

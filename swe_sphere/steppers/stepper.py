@@ -184,7 +184,7 @@ class Stepper(Trajectory, ABC):
             self.model = model.inviscid
         self._apart = self.diffusion if self.diffusion_steps is None else None
         self._replay: Replay | None = None
-        if self.repeats_from is not None and model.repeats:
+        if self.repeats_from is not None and model.scene.autonomous:
             custom = not type(self).__module__.startswith("swe_sphere.")
             self._replay = CheckedReplay(self) if custom else Replay(model.launch, model.counters)
 
