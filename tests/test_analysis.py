@@ -10,8 +10,7 @@ import xarray as xr
 from scipy.special import sph_harm_y
 
 from swe_sphere.analysis.accessor import Analysis, open_run
-from swe_sphere.analysis.grids import gaussian, lat_lon, parse_grid
-from swe_sphere.analysis.regrid import CellMeans, Points
+from swe_sphere.analysis.regrid import gaussian, lat_lon, parse_grid
 from swe_sphere.analysis.regrid_file import regrid_file
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.compare import compare
@@ -20,7 +19,7 @@ from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.io.norms import area_mean
 from swe_sphere.io.reference_solution import Reference
 from swe_sphere.io.runfile import RunFile
-from swe_sphere.mesh import Mesh, cubed_sphere
+from swe_sphere.mesh import Interpolator, Mesh, cubed_sphere
 from swe_sphere.mesh.sphere import position
 from swe_sphere.pictures.plot import plot_file
 from swe_sphere.planet import EARTH
@@ -84,35 +83,6 @@ def test_points_are_the_polynomials_of_the_elements(data, grid):
     assert ((found.lat >= found.lat_bnds[:, 0]) & (found.lat <= found.lat_bnds[:, 1])).all()
 
 
-@pytest.mark.parametrize("grid", [lat_lon(19, 36), gaussian(40)])
-def test_cell_means_keep_the_integral_and_constants(mesh, grid):
-    """Of any field, a rough one too; means of a smooth one are those of fine quadrature."""
-    means, area = CellMeans(mesh, grid), grid.zones[:, None] / grid.lon.size
-    rough = np.random.default_rng(1).normal(size=(2, mesh.size))
-    found = means.scalar(rough)
-    for k in range(2):
-        assert (area * found[k]).sum() == pytest.approx(area_mean(mesh.area, rough[k]), abs=1e-13)
-    np.testing.assert_allclose(means.scalar(np.ones(mesh.size)), 1.0, rtol=0.0, atol=1e-12)
-    smooth = means.scalar(wave(mesh.lon, mesh.lat))
-    low, high = np.sin(grid.edges[:-1]), np.sin(grid.edges[1:])
-    s, _ = np.polynomial.legendre.leggauss(20)
-    lat = np.arcsin(0.5 * (low + high)[:, None] + 0.5 * (high - low)[:, None] * s)
-    _, weights = np.polynomial.legendre.leggauss(20)
-    width = 2.0 * np.pi / grid.lon.size
-    along = np.cos(ORDER * grid.lon) * np.sinc(ORDER * width / (2.0 * np.pi))
-    exact = np.outer(0.5 * wave(0.0, lat) @ weights, along)
-    np.testing.assert_allclose(smooth, exact, rtol=0.0, atol=1e-5 * np.abs(exact).max())
-
-
-def test_means_of_the_wind_go_by_the_vector(mesh):
-    grid = lat_lon(19, 36)
-    u, v = CellMeans(mesh, grid).wind(SPEED * np.cos(mesh.lat), 0.0 * mesh.lat)
-    zones, edges = 2.0 * grid.zones, grid.edges
-    mean = np.diff(0.5 * edges + 0.25 * np.sin(2.0 * edges)) / zones
-    np.testing.assert_allclose(u, np.broadcast_to(SPEED * mean[:, None], u.shape), rtol=1e-3)
-    np.testing.assert_allclose(v, 0.0, rtol=0.0, atol=1e-5)
-
-
 def test_matrices_that_are_too_large_to_keep_are_built_again(mesh, monkeypatch):
     built = []
 
@@ -123,15 +93,15 @@ def test_matrices_that_are_too_large_to_keep_are_built_again(mesh, monkeypatch):
     monkeypatch.setattr(cubed_sphere, "locate", counted)
     monkeypatch.setattr("swe_sphere.mesh.interpolate.TILE", 100)
     field = wave(mesh.lon, mesh.lat)
-    kept = Points(mesh, gaussian(8))
-    expected = kept.scalar(field)
+    kept = Interpolator(mesh, *gaussian(8).points)
+    expected = kept(field)
     tiles = len(built)
-    np.testing.assert_array_equal(kept.scalar(field), expected)
+    np.testing.assert_array_equal(kept(field), expected)
     assert len(built) == tiles == 6
     monkeypatch.setattr("swe_sphere.mesh.interpolate.MOST_ENTRIES", 0)
-    anew = Points(mesh, gaussian(8))
+    anew = Interpolator(mesh, *gaussian(8).points)
     for _ in range(2):
-        np.testing.assert_array_equal(anew.scalar(field), expected)
+        np.testing.assert_array_equal(anew(field), expected)
     assert len(built) == 3 * tiles
 
 
@@ -336,11 +306,10 @@ def test_grids_that_are_none(name):
         parse_grid(name)
 
 
-@pytest.mark.parametrize("conservative", [False, True])
-def test_a_file_is_regridded_frame_by_frame(run, tmp_path, conservative):
-    out = regrid_file(run, "latlon:19x36", tmp_path / "grid.nc", conservative)
+def test_a_file_is_regridded_frame_by_frame(run, tmp_path):
+    out = regrid_file(run, "latlon:19x36", tmp_path / "grid.nc")
     with xr.open_dataset(out, decode_times=False) as found:
-        expected = open_run(run).swe.to_latlon(19, 36, conservative)
+        expected = open_run(run).swe.to_latlon(19, 36)
         for name in ("h", "u", "v", "vorticity", "b", "f", "cell_area", "lat_bnds"):
             np.testing.assert_allclose(found[name], expected[name], rtol=1e-13, atol=1e-20)
         assert found.time.values.tolist() == [0.0, 600.0, 1200.0]

@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from swe_sphere.analysis.grids import Grid, gaussian, lat_lon
-from swe_sphere.analysis.regrid import CellMeans, Points, holding, on_grid, on_nodes
+from swe_sphere.analysis.regrid import Grid, gaussian, holding, lat_lon, on_grid, on_nodes
 from swe_sphere.analysis.winds import grid_for, poisson, spectra, truncation
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
@@ -115,25 +114,21 @@ class Analysis:
             )
         return mesh
 
-    def to_latlon(
-        self, rows: int = 181, columns: int = 360, conservative: bool = False
-    ) -> xr.Dataset:
+    def to_latlon(self, rows: int = 181, columns: int = 360) -> xr.Dataset:
         """All fields on evenly spaced latitudes and longitudes: (..., lat, lon).
 
-        The values are those of the polynomials in the elements at the points.  With conservative
-        they are means over the cells, whose sum keeps the area mean of every scalar to round-off.
+        The values are those of the polynomials in the elements at the points.
         An odd number of rows has a row on each pole.
         """
-        return self.to_grid(lat_lon(rows, columns), conservative)
+        return self.to_grid(lat_lon(rows, columns))
 
-    def to_gaussian(self, n: int, conservative: bool = False) -> xr.Dataset:
+    def to_gaussian(self, n: int) -> xr.Dataset:
         """All fields on the 2n Gauss latitudes and 4n longitudes; see `to_latlon`."""
-        return self.to_grid(gaussian(n), conservative)
+        return self.to_grid(gaussian(n))
 
-    def to_grid(self, grid: Grid, conservative: bool = False) -> xr.Dataset:
-        """All fields on a grid of `swe_sphere.analysis.grids`; see `to_latlon`."""
-        kind = CellMeans if conservative else Points
-        return on_grid(self._data, kind(self.mesh, grid))
+    def to_grid(self, grid: Grid) -> xr.Dataset:
+        """All fields on a grid of `swe_sphere.analysis.regrid`; see `to_latlon`."""
+        return on_grid(self._data, Interpolator(self.mesh, *grid.points), grid)
 
     def zonal_mean(self, rows: int = 181) -> xr.Dataset:
         """Means of all fields along circles of latitude: (..., lat)."""
@@ -153,7 +148,7 @@ class Analysis:
         degree = truncation(self.mesh) if degree is None else convert("degree", int, degree)
         if degree < 1:
             raise ConfigError(f"degree={degree}: a spectrum goes to wavenumber 1 at least")
-        at = Points(self.mesh, grid_for(degree))
+        at = Interpolator(self.mesh, *grid_for(degree).points)
 
         def transformed(u: Array, v: Array) -> Array:
             return spectra(*at.wind(u, v), degree, self.mesh.radius)

@@ -1,121 +1,130 @@
-"""Fields of runs on grids of latitudes and longitudes: point values or cell means, as datasets."""
+"""Fields of runs on grids of latitudes and longitudes that go round the globe.
+
+`latlon:181x360` has 181 rows and 360 columns, both evenly spaced.  An odd number of rows puts the
+first and the last on the poles, where their cells are half as high; an even number puts all in the
+middle of equal cells.  `gaussian:N` has the 2N Gauss latitudes and 4N longitudes.  Longitudes
+begin at 0 and go east, latitudes from south to north.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Hashable
-from functools import cached_property
-from itertools import pairwise
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from scipy import sparse
 
-from swe_sphere.analysis.grids import Grid
 from swe_sphere.arrays import Array
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, shown
 from swe_sphere.io.layout import TOPOLOGY, VARIABLES
-from swe_sphere.mesh import Interpolator, Mesh
-from swe_sphere.mesh.sphere import frame
+from swe_sphere.mesh import Interpolator
+from swe_sphere.settings.values import convert
 
-FEWEST = 3
-"""Gauss points of a cell in either direction, and one more for every node that it spans."""
-
-
-class Points:
-    """Values at the points of a grid, of the polynomials that a field is in each element."""
-
-    def __init__(self, mesh: Mesh, grid: Grid) -> None:
-        self.mesh, self.grid = mesh, grid
-        lon, lat = grid.points
-        self._sampler = Interpolator(mesh, lon.ravel(), lat.ravel())
-
-    def scalar(self, field: Array) -> Array:
-        """A field (..., N) on the grid: (..., M, K)."""
-        return self._on_grid(self._sampler(self._columns(field)), field)
-
-    def wind(self, u: Array, v: Array) -> tuple[Array, Array]:
-        """Eastward and northward wind on the grid, (..., M, K) each, of that at the nodes."""
-        columns = zip(self._columns(u).T, self._columns(v).T, strict=True)
-        found = zip(*(self._sampler.wind(*pair) for pair in columns), strict=True)
-        east, north = (self._on_grid(np.stack(x, axis=1), u) for x in found)
-        return east, north
-
-    def _columns(self, field: Array) -> Array:
-        """Return a field (..., N) as the columns of a matrix (N, ...)."""
-        return field.reshape(-1, self.mesh.size).T
-
-    def _on_grid(self, values: Array, field: Array) -> Array:
-        """Return values (M K, ...) in the shape (..., M, K) that the field has on the grid."""
-        return values.T.reshape(*field.shape[:-1], *self.grid.shape)
+MOST_POINTS = 2**28
+"""No grid has more points than this: a field of them takes 2 GiB."""
 
 
-class CellMeans(Points):
-    """Means over the cells of a grid, by Gauss quadrature of the polynomials in the elements.
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Points at all pairs of latitudes (M,) and longitudes (K,) [rad], and the cells around them.
 
-    Of scalars the area mean over the sphere is that over the mesh, to round-off, and constants
-    stay what they are: what quadrature leaves is spread evenly over the globe.  All samples of a
-    cell are weighed in one matrix, which is kept.
+    edges (M+1,) [rad]: latitudes of the southern and northern edges of the cells; their areas are
+    the weights that integrate over the sphere.
     """
 
-    def __init__(self, mesh: Mesh, grid: Grid) -> None:
-        self.mesh, self.grid = mesh, grid
+    name: str
+    lat: Array
+    lon: Array
+    edges: Array
 
-    def scalar(self, field: Array) -> Array:
-        columns, shares = self._columns(field), np.repeat(self.grid.zones, self.grid.lon.size)
-        values: Array = self._matrices[0] @ columns
-        values += np.average(columns, 0, self.mesh.area) - np.average(values, 0, shares)
-        return self._on_grid(values, field)
+    @property
+    def zones(self) -> Array:
+        """Share (M,) of the sphere's area that each row of cells has."""
+        return np.asarray(0.5 * np.diff(np.sin(self.edges)), dtype=np.float64)
 
-    def wind(self, u: Array, v: Array) -> tuple[Array, Array]:
-        axes = zip(self.mesh.east.T, self.mesh.north.T, strict=True)
-        columns = self._columns(u).T, self._columns(v).T
-        xyz = np.hstack([columns[0] * east + columns[1] * north for east, north in axes]).T
-        along, up = (self._on_grid(matrix @ xyz, u) for matrix in self._matrices[1:])
-        return along, up
+    @property
+    def lon_edges(self) -> Array:
+        """Longitudes (K+1,) [rad] of the western and eastern edges of the cells."""
+        west = -0.5 * float(self.lon[1])
+        return np.linspace(west, west + 2.0 * np.pi, self.lon.size + 1)
 
-    @cached_property
-    def _matrices(self) -> list[sparse.csr_array]:
-        """Quadrature (M K, N) of scalars; (M K, 3 N) of winds (x, y, z) along east and north."""
-        count, width = self.grid.lon.size, 2.0 * np.pi / self.grid.lon.size
-        spacing = self.mesh.spacing()[0] / self.mesh.radius
-        samples = FEWEST + int(max(width, np.diff(self.grid.edges).max()) / spacing)
-        nodes, weights = np.polynomial.legendre.leggauss(samples)
-        lon = (self.grid.lon[:, None] + 0.5 * width * nodes)[:, None, :]
-        share = np.outer(weights, weights).reshape(1, -1) / 4.0
-        means, rows = sparse.kron(sparse.eye_array(count), share).tocsr(), []
-        for low, high in pairwise(np.sin(self.grid.edges)):  # a row of cells after the other
-            lat = np.arcsin(0.5 * (low + high) + 0.5 * (high - low) * nodes)[None, :, None]
-            points = [x.ravel() for x in np.broadcast_arrays(lon, lat)]
-            at = Interpolator(self.mesh, *points).matrix
-            rows.append([means @ at])
-            for unit in frame(*points):
-                along = [means @ sparse.diags_array(x) @ at for x in unit.T]
-                rows[-1].append(sparse.hstack(along))
-        return [sparse.vstack(column).tocsr() for column in zip(*rows, strict=True)]
+    @property
+    def points(self) -> tuple[Array, Array]:
+        """Longitude and latitude (M, K) [rad] of all points."""
+        lon, lat = np.meshgrid(self.lon, self.lat)
+        return lon, lat
+
+
+def parse_grid(text: str) -> Grid:
+    """The grid of that name: latlon:ROWSxCOLUMNS or gaussian:N.
+
+    Raises ConfigError for another text, or numbers too small or large.
+    """
+    if found := re.fullmatch(r"latlon:(\d+)x(\d+)", text):
+        return lat_lon(*map(int, found.groups()))
+    if found := re.fullmatch(r"gaussian:(\d+)", text):
+        return gaussian(int(found[1]))
+    raise ConfigError(
+        f"there is no grid {shown(text)}: say latlon:ROWSxCOLUMNS (latlon:181x360) or gaussian:N"
+        " (2N latitudes, 4N longitudes)"
+    )
+
+
+def lat_lon(rows: int, columns: int) -> Grid:
+    """Even latitudes and longitudes; ConfigError for less than 2 rows or 4 columns."""
+    rows, columns = convert("rows", int, rows), convert("columns", int, columns)
+    lon = _around(name := f"latlon:{rows}x{columns}", rows, columns)
+    if rows % 2:
+        lat = np.linspace(-0.5 * np.pi, 0.5 * np.pi, rows)
+        edges = np.concatenate([lat[:1], 0.5 * (lat[1:] + lat[:-1]), lat[-1:]])
+    else:
+        edges = np.linspace(-0.5 * np.pi, 0.5 * np.pi, rows + 1)
+        lat = 0.5 * (edges[1:] + edges[:-1])
+    return Grid(name, lat, lon, edges)
+
+
+def gaussian(n: int) -> Grid:
+    """The 2n Gauss latitudes and 4n longitudes; ConfigError for n < 1.
+
+    The cells are as high as the Gauss weights say, so that sums over them are Gauss quadrature.
+    """
+    n = convert("n", int, n)
+    lon = _around(name := f"gaussian:{n}", 2 * n, 4 * n)
+    sines, weights = np.polynomial.legendre.leggauss(2 * n)
+    edges = np.arcsin(np.clip(np.concatenate([[-1.0], np.cumsum(weights) - 1.0]), -1.0, 1.0))
+    edges[-1] = 0.5 * np.pi
+    return Grid(name, np.arcsin(sines), lon, edges)
+
+
+def _around(name: str, rows: int, columns: int) -> Array:
+    """Return the longitudes of a grid; ConfigError if it is too small or too large."""
+    if rows < 2 or columns < 4:
+        raise ConfigError(f"the grid {name} is too small: at least 2 latitudes and 4 longitudes")
+    if rows * columns > MOST_POINTS:
+        raise ConfigError(f"the grid {name} is too large: at most {MOST_POINTS} points")
+    return np.arange(columns, dtype=float) * (2.0 * np.pi / columns)
 
 
 MESH_ONLY = ("mesh", "location", "coordinates", "grid_mapping", "cell_measures")
 """Attributes of variables that say how they lie on the mesh."""
 
 
-def on_grid(data: xr.Dataset, bring: Points) -> xr.Dataset:
-    """Return all fields on the nodes of a mesh, brought to a grid: (..., lat, lon)."""
+def on_grid(data: xr.Dataset, at: Interpolator, grid: Grid) -> xr.Dataset:
+    """Return all fields on the nodes of a mesh at the points of a grid: (..., lat, lon)."""
     names = [name for name in fields_of(data) if name != "area"]
-    sizes = dict(zip(("lat", "lon"), bring.grid.shape, strict=True))
+    sizes = {"lat": grid.lat.size, "lon": grid.lon.size}
     found: dict[str, xr.DataArray] = {}
     if {"u", "v"} & set(names):
-        pair = holding(data, "u", "v")
-        found["u"], found["v"] = on_nodes(bring.wind, sizes, *pair, results=2, at_once=True)
-    means = {"cell_methods": "area: mean"} if isinstance(bring, CellMeans) else {}
+        found["u"], found["v"] = on_nodes(at.wind, sizes, *holding(data, "u", "v"), results=2)
     for name in names:
         if name not in found:
-            found[name] = on_nodes(bring.scalar, sizes, data[name], at_once=True)
-        kept = {k: value for k, value in data[name].attrs.items() if k not in MESH_ONLY}
-        found[name].attrs = kept | means
-    attributes = data.attrs | {"Conventions": "CF-1.11", "grid": bring.grid.name}
+            found[name] = on_nodes(at, sizes, data[name])
+        found[name].attrs = {k: x for k, x in data[name].attrs.items() if k not in MESH_ONLY}
+    attributes = data.attrs | {"Conventions": "CF-1.11", "grid": grid.name}
     result = xr.Dataset({name: found[name] for name in names}, attrs=attributes)
-    return result.assign_coords(_coordinates(bring.grid, bring.mesh.radius))
+    return result.assign_coords(_coordinates(grid, at.mesh.radius))
 
 
 def fields_of(data: xr.Dataset) -> list[str]:
@@ -132,21 +141,14 @@ def holding(data: xr.Dataset, *names: Hashable) -> list[xr.DataArray]:
     return [data[name] for name in names]
 
 
-def on_nodes(
-    function: Any,
-    sizes: dict[str, int],
-    *arrays: xr.DataArray,
-    results: int = 1,
-    at_once: bool = False,
-) -> Any:
-    """Apply a function of fields on the nodes at all times; return its results as arrays.
+def on_nodes(function: Any, sizes: dict[str, int], *arrays: xr.DataArray, results: int = 1) -> Any:
+    """Apply a function of fields (N,) on the nodes at all times; return its results as arrays.
 
-    sizes: the dimensions of each result, in the place of the nodes.  at_once: whether the function
-    takes fields (..., N) of several times, and not only (N,) of one.
+    sizes: the dimensions of each result, in the place of the nodes.
     """
     return xr.apply_ufunc(
-        function, *arrays, input_core_dims=[["node"]] * len(arrays),
-        output_core_dims=[[*sizes]] * results, vectorize=not at_once, dask="parallelized",
+        function, *arrays, input_core_dims=[["node"]] * len(arrays), vectorize=True,
+        output_core_dims=[[*sizes]] * results, dask="parallelized",
         output_dtypes=[np.float64] * results, dask_gufunc_kwargs={"output_sizes": sizes},
     )  # fmt: skip
 
@@ -155,7 +157,7 @@ def _coordinates(grid: Grid, radius: float) -> dict[str, Any]:
     """Return latitudes, longitudes, their bounds [degrees] and areas [m2] of cells, for xarray."""
     about = {"standard_name": "cell_area", "long_name": "area of the cell", "units": "m2"}
     zones = 4.0 * np.pi * radius**2 * grid.zones / grid.lon.size
-    area = np.broadcast_to(zones[:, None], grid.shape)
+    area = np.repeat(zones[:, None], grid.lon.size, axis=1)
     named: dict[str, Any] = {"cell_area": (("lat", "lon"), area, about)}
     for name, centre, edges in (
         ("lat", grid.lat, grid.edges), ("lon", grid.lon, grid.lon_edges),

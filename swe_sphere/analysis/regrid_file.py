@@ -8,13 +8,13 @@ from pathlib import Path
 import netCDF4
 import xarray as xr
 
-from swe_sphere.analysis.grids import parse_grid
-from swe_sphere.analysis.regrid import CellMeans, Points, fields_of, on_grid
+from swe_sphere.analysis.regrid import Grid, fields_of, on_grid, parse_grid
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.durable import clear_errors, part_of, remove, take_place
 from swe_sphere.io.layout import SERIES, history
 from swe_sphere.io.runfile import RunFile, engine
 from swe_sphere.io.zarr_store import check_zarr
+from swe_sphere.mesh import Interpolator
 
 COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True}
 
@@ -23,19 +23,17 @@ def regrid_file(
     path: Path,
     grid: str,
     out: Path,
-    conservative: bool = False,
     fields: Sequence[str] = (),
     overwrite: bool = False,
 ) -> Path:
     """Bring the frames of a run to a grid, one after the other: netCDF-4, compressed, or Zarr.
 
     grid: latlon:ROWSxCOLUMNS or gaussian:N.  out: ends in .nc, or in .zarr, which needs the package
-    zarr; it gets its name when it is whole.  conservative: means over cells in the place of values
-    at points; see `CellMeans`.  fields: the variables wanted, all where empty; the wind as
-    a whole.
+    zarr; it gets its name when it is whole.  fields: the variables wanted, all where empty; the
+    wind as a whole.
 
     In memory are a frame and its picture on the grid, and the matrix of the map where that is
-    smaller than 200 MB or conservative.
+    smaller than 200 MB.
 
     Returns out.  Raises ConfigError if the file is not of a run or lacks a field, if there is no
     such grid, or if `out` is there already or cannot be written.
@@ -43,7 +41,8 @@ def regrid_file(
     found = RunFile(path)
     if found.times.size == 0:
         raise ConfigError(f"{path} holds no frame yet")
-    bring = (CellMeans if conservative else Points)(found.mesh, parse_grid(grid))
+    wanted = parse_grid(grid)
+    at = Interpolator(found.mesh, *wanted.points)
     if out.suffix not in (".nc", ".zarr"):
         raise ConfigError(f"cannot write {out}: give a name ending in .nc or .zarr")
     if not out.parent.is_dir():
@@ -64,7 +63,7 @@ def regrid_file(
         chosen.attrs["history"] = history(f"regrid {path.name} --grid {grid}", before)
         try:
             write = _write_zarr if out.suffix == ".zarr" else _write_netcdf
-            write(part, _frames(chosen, bring))
+            write(part, _frames(chosen, at, wanted))
             take_place(out)
         finally:
             remove(part)
@@ -82,14 +81,14 @@ def _chosen(data: xr.Dataset, fields: Sequence[str]) -> xr.Dataset:
     return data[[*dict.fromkeys([*(fields or there), *whole]), *series]]
 
 
-def _frames(data: xr.Dataset, bring: Points) -> Iterator[xr.Dataset]:
+def _frames(data: xr.Dataset, at: Interpolator, grid: Grid) -> Iterator[xr.Dataset]:
     """Yield frame after frame on the grid; the series come with the first."""
     series = data[[name for name in data.data_vars if data[name].dims == (SERIES,)]]
     data = data.drop_dims(SERIES, errors="ignore")
-    yield on_grid(data.isel(time=[0]).load(), bring).merge(series)
+    yield on_grid(data.isel(time=[0]).load(), at, grid).merge(series)
     changing = data[[name for name in data.data_vars if "time" in data[name].dims]]
     for k in range(1, data.sizes["time"]):
-        yield on_grid(changing.isel(time=[k]).load(), bring)
+        yield on_grid(changing.isel(time=[k]).load(), at, grid)
 
 
 def _write_netcdf(path: Path, frames: Iterator[xr.Dataset]) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from swe_sphere.analysis.grids import Grid, gaussian
+from swe_sphere.analysis.regrid import Grid, gaussian
 from swe_sphere.arrays import Array
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.diagnose import vorticity

@@ -109,7 +109,6 @@ def regrid(
     file: File,
     grid: str = option("latlon:ROWSxCOLUMNS|gaussian:N", "The grid.", "latlon:181x360"),
     out: Path | None = option("FILE.nc|FILE.zarr", "The result (beside: FILE_GRID.nc)."),
-    conservative: bool = flag("conservative", "Cell means that keep the integrals."),
     fields: str | None = option("A,B,...", "Variables wanted (all)."),
     overwrite: bool = flag("overwrite", "Replace a file that is there."),
 ) -> None:
@@ -117,4 +116,4 @@ def regrid(
     from swe_sphere.analysis.regrid_file import regrid_file
 
     place = out or file.with_name(f"{file.stem}_{re.sub(r'[^a-z0-9]', '', grid)}.nc")
-    typer.echo(regrid_file(file, grid, place, conservative, names_in(fields), overwrite))
+    typer.echo(regrid_file(file, grid, place, names_in(fields), overwrite))
