@@ -20,7 +20,7 @@ from rich.table import Table
 from swe_sphere.equations.effects import Hyperviscosity
 from swe_sphere.equations.model import Model
 from swe_sphere.files.fingerprints import machine
-from swe_sphere.io.norms import by_name, field_errors
+from swe_sphere.io.integrals import by_name, field_errors
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.steppers import STEPPERS, Stepper

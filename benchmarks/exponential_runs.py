@@ -5,7 +5,7 @@ from implicit_common import DAYS, Run, Section, run
 from implicit_runs import SHIPPED
 
 from swe_sphere.errors import RunFailed
-from swe_sphere.io.norms import norms
+from swe_sphere.io.integrals import norms
 from swe_sphere.io.reference_solution import OnGrid, Reference
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.diagnose import vorticity

@@ -9,7 +9,7 @@ from implicit_common import DAYS, MOUNTAIN, Run, Section, run
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import RunFailed
-from swe_sphere.io.norms import norms
+from swe_sphere.io.integrals import norms
 from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.sphere import position

@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import apply_settings
-from swe_sphere.io.norms import by_name, field_errors
+from swe_sphere.io.integrals import by_name, field_errors
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.solvers.gmres import FlexibleGMRES

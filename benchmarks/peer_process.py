@@ -14,7 +14,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from swe_sphere.io.norms import norms
+from swe_sphere.io.integrals import norms
 from swe_sphere.io.reference_solution import SHIPPED, Reference
 from swe_sphere.planet import DAY
 from swe_sphere.testcases import get_scene

@@ -18,7 +18,7 @@ import warp as wp
 from rich.console import Console
 
 from swe_sphere.files.fingerprints import machine
-from swe_sphere.io.norms import by_name, field_errors
+from swe_sphere.io.integrals import by_name, field_errors
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.steppers import STEPPERS

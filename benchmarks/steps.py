@@ -17,7 +17,7 @@ from sections import write_page
 
 from swe_sphere.equations.effects import Tracers
 from swe_sphere.equations.scene import Scene
-from swe_sphere.io.norms import norms
+from swe_sphere.io.integrals import norms
 from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY

@@ -22,7 +22,7 @@ from swe_sphere.equations.effects import Tracers
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.files.fingerprints import machine
-from swe_sphere.io.norms import norms
+from swe_sphere.io.integrals import norms
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.steppers import STEPPERS

@@ -9,7 +9,7 @@ import pytest
 
 from swe_sphere.equations.effects import Tracers
 from swe_sphere.equations.model import Model
-from swe_sphere.io.norms import norms
+from swe_sphere.io.integrals import norms
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.adaptive import AdaptiveSteps

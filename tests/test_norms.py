@@ -3,8 +3,15 @@
 import numpy as np
 import pytest
 
-from swe_sphere.io.integrals import courant_numbers, drifts, integrals
-from swe_sphere.io.norms import area_mean, by_name, field_errors, norms
+from swe_sphere.io.integrals import (
+    area_mean,
+    by_name,
+    courant_numbers,
+    drifts,
+    field_errors,
+    integrals,
+    norms,
+)
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import EARTH, Planet
 

@@ -11,7 +11,7 @@ import pytest
 import time_to_error
 from peer_process import Measured, Peer, Setting, alias_free, surface_error
 
-from swe_sphere.io.norms import norms
+from swe_sphere.io.integrals import norms
 from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
 from swe_sphere.simulation.simulation import Simulation
 

@@ -8,8 +8,8 @@ import pytest
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.compare import compare
+from swe_sphere.io.integrals import norms
 from swe_sphere.io.netcdf import FrameWriter
-from swe_sphere.io.norms import norms
 from swe_sphere.io.reference_solution import (
     SHIPPED,
     OnGrid,

@@ -9,7 +9,7 @@ from support import advance
 
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import Array, Scene
-from swe_sphere.io.norms import by_name, field_errors
+from swe_sphere.io.integrals import by_name, field_errors
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.diagnostics import Snapshot

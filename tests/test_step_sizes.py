@@ -9,7 +9,7 @@ import pytest
 import warp as wp
 
 from swe_sphere.equations.model import Model
-from swe_sphere.io.norms import field_errors
+from swe_sphere.io.integrals import field_errors
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import HOUR
 from swe_sphere.solvers.vector_space import VectorSpace

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.norms import norms
+from swe_sphere.io.integrals import norms
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.simulation.config import make_config

@@ -8,26 +8,29 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
+from scipy import sparse
+from scipy.sparse.linalg import splu
 
 from swe_sphere.analysis.regrid import Grid, gaussian, holding, lat_lon, on_grid, on_nodes
-from swe_sphere.analysis.winds import grid_for, poisson, spectra, truncation
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.integrals import integrals
+from swe_sphere.io.integrals import integrals, norms
 from swe_sphere.io.layout import MESH_ATTRIBUTES, START, VARIABLES, in_python, plain
-from swe_sphere.io.norms import norms
 from swe_sphere.io.runfile import TOLERANCE, Frame, RunFile, engine
 from swe_sphere.io.scalar_fields import derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
+from swe_sphere.operators.diagnose import vorticity
+from swe_sphere.operators.sparse import stiffness
 from swe_sphere.planet import Planet
 from swe_sphere.settings.values import convert, validated
+from swe_sphere.testcases.harmonics import Complex, GaussGrid
 
 if TYPE_CHECKING:
     from cartopy.mpl.geoaxes import GeoAxes
@@ -164,9 +167,9 @@ class Analysis:
 
     def potential_vorticity(self) -> xr.DataArray:
         """Potential vorticity (ζ + f) / h [m-1 s-1] at the nodes."""
-        vorticity, f, h = holding(self._data, "vorticity", "f", "h")
+        relative, f, h = holding(self._data, "vorticity", "f", "h")
         about = {"long_name": "potential vorticity", "units": "m-1 s-1"}
-        return ((vorticity + f) / h).rename("potential_vorticity").assign_attrs(about)
+        return ((relative + f) / h).rename("potential_vorticity").assign_attrs(about)
 
     def streamfunction(self) -> xr.DataArray:
         """Streamfunction ψ of the wind's rotational part k × ∇ψ [m2 s-1] at the nodes."""
@@ -280,3 +283,62 @@ class Analysis:
             str(name): data[name].values for name in wanted
             if name in data and data[name].dims == ("node",)
         }  # fmt: skip
+
+
+def truncation(mesh: Mesh) -> int:
+    """The spherical wavenumber whose wave has two nodes along the equator of an even mesh."""
+    return 2 * mesh.ne * (mesh.np - 1)
+
+
+def grid_for(degree: int) -> Grid:
+    """The grid on which `spectra` to a degree wants the wind.
+
+    Half as fine again as the degree needs, so that what is finer folds back only beyond it.
+    """
+    return gaussian((3 * degree + 5) // 4)
+
+
+def spectra(u: Array, v: Array, degree: int, radius: float) -> Array:
+    """Rotational and divergent kinetic energy [m2 s-2] and enstrophy [s-2], (3, degree + 1).
+
+    u, v: wind [m s-1] at the points of `grid_for`.  Means over the sphere: the sum of the first two
+    over all wavenumbers n is the mean of (u² + v²) / 2, that of the third the mean of ζ² / 2.  With
+    the coefficients of vorticity and divergence the energy is
+    a² / (4 n (n + 1)) Σ_m (|ζ_nm|² + |δ_nm|²) (Lambert, 1984, Atmosphere-Ocean 22, eq. 6).
+    """
+    grid = GaussGrid(u.shape[0] - 1)
+    enstrophy, divergent = (
+        _power(grid.against_gradients(*flux), degree) / radius**2 for flux in ((v, -u), (u, v))
+    )
+    n = np.arange(degree + 1.0)
+    factor = np.divide(radius**2, n * (n + 1.0), out=np.zeros_like(n), where=n > 0)
+    return 0.5 * np.stack([factor * enstrophy, factor * divergent, enstrophy])
+
+
+def _power(coefficients: Complex, degree: int) -> Array:
+    """Mean squares (degree + 1,) of the parts of each degree of a real field."""
+    squares = np.abs(coefficients[: degree + 1]) ** 2
+    squares[:, 1:] *= 0.5  # a wave has half the square of its amplitude
+    return np.asarray(squares.sum(axis=1))
+
+
+def poisson(mesh: Mesh) -> Callable[[Array, Array], Array]:
+    """Return the function that finds ψ with k × ∇ψ nearest to a wind, in the mean square.
+
+    That is ∇²ψ = ζ in its weak form, ∫ ∇φ·∇ψ = -∫ φ ζ for every continuous φ of the elements.  The
+    matrix is factored once.
+    """
+    # without its first node, as ψ is known but for a constant
+    factors = splu(
+        sparse.csc_array(stiffness(mesh, np.ones(mesh.size)))[1:, 1:], diag_pivot_thresh=0.0,
+        permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True},
+    )  # fmt: skip
+
+    def streamfunction(u: Array, v: Array) -> Array:
+        """ψ [m2 s-1] (N,) of mean zero, for the wind u, v (N,) [m s-1]."""
+        right = -mesh.area * vorticity(mesh, u, v)
+        found = np.append(0.0, factors.solve(right[1:]))
+        result: Array = found - np.average(found, weights=mesh.area)
+        return result
+
+    return streamfunction

@@ -11,9 +11,9 @@ import xarray as xr
 from swe_sphere.analysis.regrid import Grid, fields_of, on_grid, parse_grid
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.durable import clear_errors, part_of, remove, take_place
+from swe_sphere.io.growing import check_zarr
 from swe_sphere.io.layout import SERIES, history
 from swe_sphere.io.runfile import RunFile, engine
-from swe_sphere.io.zarr_store import check_zarr
 from swe_sphere.mesh import Interpolator
 
 COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True}

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import part_of, take_place
-from swe_sphere.io.runfile import reading
+from swe_sphere.io.runfile import RunFile
 
 HEADER = "header"
 ARRAYS = "arrays"
@@ -80,11 +80,7 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
     path = Path(path)
     if path.is_file() and zipfile.is_zipfile(path):
         return _read(path)
-    with reading(path) as data:
-        run_id = data.attrs.get("run_id")
-    if run_id is None:
-        raise ConfigError(f"cannot read {path}: it is no file of a run of swe_sphere, or damaged")
-    beside = checkpoint_path(path)
+    run_id, beside = RunFile(path).attributes.get("run_id"), checkpoint_path(path)
     if not beside.exists():
         raise ConfigError(f"{path} has no checkpoint: there is no file {beside} beside it")
     checkpoint = _read(beside)

@@ -6,8 +6,8 @@ import numpy as np
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.fingerprints import SCENE_FILE
+from swe_sphere.io.integrals import norms
 from swe_sphere.io.layout import MESH_ATTRIBUTES
-from swe_sphere.io.norms import norms
 from swe_sphere.io.reference_solution import Reference, reference_field
 from swe_sphere.io.runfile import TOLERANCE, RunFile, Source, reading, table_in
 from swe_sphere.io.scalar_fields import check_field

@@ -1,7 +1,13 @@
-"""Global integrals that the shallow-water equations conserve, Courant numbers, and tracers.
+"""Means over the sphere: integrals that the equations conserve, error norms, Courant numbers.
 
 Area means I(psi) = integral of psi over the sphere / area of the sphere, with the quadrature of
-the mesh (Williamson et al. 1992, eqs. 87 and 140-142, doi:10.1016/S0021-9991(05)80016-6).
+the mesh.  With |.| the length of the value (a number or a two-component vector), errors are
+
+    l1 = I(|x - y|) / I(|y|),  l2 = sqrt(I(|x - y|^2) / I(|y|^2)),  linf = max|x - y| / max|y|.
+
+Where the exact field y vanishes everywhere there is nothing to divide by, and the norms are the
+absolute ones, in the units of the field.  (Williamson et al. 1992, eqs. 82-87 and 140-142,
+doi:10.1016/S0021-9991(05)80016-6.)
 
 Tracers are known here by their names alone; of each the fields hold the mass hq_NAME (N,) [m] and
 the mixing ratio q_NAME (N,).
@@ -10,9 +16,9 @@ the mixing ratio q_NAME (N,).
 from collections.abc import Iterable, Mapping
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from swe_sphere.arrays import Array
-from swe_sphere.io.norms import area_mean, norms
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import Planet
 
@@ -22,6 +28,56 @@ DRIFTS = {
     "enstrophy_drift": "potential_enstrophy",
 }
 """Name of each relative drift, and of the integral that drifts."""
+
+
+def area_mean(area: Array, values: Array) -> float:
+    """Mean of values (N,) weighted with area (N,) [m2, or any common unit]."""
+    return float(np.sum(area * values) / np.sum(area))
+
+
+def norms(area: Array, numeric: ArrayLike, exact: ArrayLike) -> dict[str, float]:
+    """The mean, the root-mean-square and the largest error, normalised: "l1", "l2" and "linf".
+
+    numeric, exact: scalars (N,) or vectors (2, N).
+    """
+    ours, theirs = (np.asarray(x, dtype=float).reshape(-1, area.size) for x in (numeric, exact))
+    error, size = np.linalg.norm(ours - theirs, axis=0), np.linalg.norm(theirs, axis=0)
+    square = area_mean(area, error**2) / (area_mean(area, size**2) or 1.0)
+    return {
+        "l1": area_mean(area, error) / (area_mean(area, size) or 1.0),
+        "l2": float(np.sqrt(square)),
+        "linf": float(np.max(error) / (np.max(size) or 1.0)),
+    }
+
+
+Norms = dict[str, dict[str, float]]
+"""l1, l2 and linf by field."""
+
+
+def field_errors(
+    area: Array,
+    numeric: Mapping[str, Array],
+    exact: Mapping[str, Array],
+    bottom: Array | float = 0.0,
+) -> Norms:
+    """Errors of depth "h" and, where both have them, of wind "v" and vorticity at the same points.
+
+    numeric, exact: h [m] and perhaps u, v [m s-1] and vorticity [s-1], each (N,).  With bottom (N,)
+    [m] the heights compared are those of the free surface, h + bottom.
+    """
+    pairs = {"h": (numeric["h"] + bottom, exact["h"] + bottom)}
+    both = numeric.keys() & exact.keys()
+    if {"u", "v"} <= both:
+        ours, theirs = (np.stack([each["u"], each["v"]]) for each in (numeric, exact))
+        pairs["v"] = (ours, theirs)
+    if "vorticity" in both:
+        pairs["vorticity"] = (numeric["vorticity"], exact["vorticity"])
+    return {name: norms(area, *pair) for name, pair in pairs.items()}
+
+
+def by_name(errors: Norms) -> dict[str, float]:
+    """As l1_h, l2_h, linf_h, l1_v and so on."""
+    return {f"{norm}_{name}": x for name, of in errors.items() for norm, x in of.items()}
 
 
 def integrals(

@@ -16,7 +16,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, RunFailed, unknown_name
 from swe_sphere.files.durable import clear_errors
 from swe_sphere.io.checkpoint import Checkpoint, checkpoint_path, write_checkpoint
-from swe_sphere.io.growing import GrowingFile
+from swe_sphere.io.growing import SUFFIX, GrowingFile, GrowingStore
 from swe_sphere.io.layout import (
     LAYOUT_BYTES,
     SERIES,
@@ -27,7 +27,6 @@ from swe_sphere.io.layout import (
     plain,
 )
 from swe_sphere.io.runfile import RunFile, reading
-from swe_sphere.io.zarr_store import SUFFIX, GrowingStore
 from swe_sphere.mesh import Mesh
 
 SAMPLES = 1000
@@ -199,7 +198,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
                 raise ConfigError(f"cannot go on in {self.path}: its frames hold other fields")
             for k in range(np.count_nonzero(times < self._from)):
                 values = {name: data[name].isel(time=k).values for name in names}
-                self._growing.add_record(values, sync=False)
+                self._growing.add_record(values, wait=False)
 
     def _sample(self, time: float, diagnostics: Mapping[str, float | None]) -> dict[str, float]:
         """Return a number for every series; ValueError if there is one without a series."""

@@ -14,8 +14,8 @@ import xarray as xr
 from swe_sphere.arrays import Array
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
+from swe_sphere.io.integrals import Norms, norms
 from swe_sphere.io.layout import TRACER, in_python
-from swe_sphere.io.norms import Norms, norms
 from swe_sphere.io.runfile import Source, reading
 from swe_sphere.io.scalar_fields import Sampler, check_field, derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh

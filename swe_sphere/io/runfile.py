@@ -21,9 +21,9 @@ from scipy.io import netcdf_file
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import check_moved
+from swe_sphere.io.growing import check_zarr, is_store
 from swe_sphere.io.layout import MESH_ATTRIBUTES, SERIES, SUMMARY, in_python
 from swe_sphere.io.scalar_fields import Sampler, derive, evaluate
-from swe_sphere.io.zarr_store import check_zarr, is_store
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY
 

@@ -17,14 +17,18 @@ from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.files.user_file import guarded, load_file
 from swe_sphere.io.integrals import (
+    Norms,
+    area_mean,
+    by_name,
     courant_numbers,
     drifts,
+    field_errors,
     integrals,
+    norms,
     tracer_errors,
     tracer_numbers,
 )
 from swe_sphere.io.layout import MESH_ATTRIBUTES, TOPOLOGY, VARIABLES
-from swe_sphere.io.norms import Norms, area_mean, by_name, field_errors, norms
 from swe_sphere.planet import DAY
 from swe_sphere.settings.registry import first_line
 

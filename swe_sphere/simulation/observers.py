@@ -295,7 +295,7 @@ def live_view(field: str, comm: Any) -> Callback:
     field: its name, or "auto" for what suits the scene.  Raises ConfigError for an unknown field,
     and where rank 0 has no terminal with colours.
     """
-    from swe_sphere.pictures.live import LivePicture  # matplotlib takes its time to import
+    from swe_sphere.pictures.plot import LivePicture  # matplotlib takes its time to import
 
     picture = LivePicture(field, DIAGNOSTICS)
     comm.on_root(picture.check_terminal)

@@ -59,7 +59,7 @@ def check_paths(config: RunConfig) -> None:
     for name, path in (("out", config.out), ("plot", config.plot)):
         if path is None:
             continue
-        from swe_sphere.io.zarr_store import SUFFIX, is_store
+        from swe_sphere.io.growing import SUFFIX, is_store
 
         if path.is_dir() and not (path.suffix == SUFFIX and is_store(path)):
             raise ConfigError(f"{name}: {path} is a folder: give the name of a file in it")

@@ -12,8 +12,8 @@ import pandas as pd
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.files.durable import clear_errors, write_whole
 from swe_sphere.files.fingerprints import code_fingerprint
+from swe_sphere.io.integrals import area_mean
 from swe_sphere.io.layout import MESH_ATTRIBUTES
-from swe_sphere.io.norms import area_mean
 from swe_sphere.io.runfile import TOLERANCE, RunFile, table_in
 from swe_sphere.io.scalar_fields import check_field, describe
 from swe_sphere.pictures.panels import Panel, draw_panel

@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import RunFailed
-from swe_sphere.io.norms import area_mean, by_name, field_errors
+from swe_sphere.io.integrals import area_mean, by_name, field_errors
 from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
 from swe_sphere.io.scalar_fields import at_nodes
 from swe_sphere.mesh import Mesh

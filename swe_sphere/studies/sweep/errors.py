@@ -8,7 +8,7 @@ from pathlib import Path
 import xarray as xr
 
 from swe_sphere.files.durable import write_whole
-from swe_sphere.io.norms import Norms
+from swe_sphere.io.integrals import Norms
 from swe_sphere.io.reference_solution import OnGrid, Reference
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.planet import DAY

@@ -20,7 +20,7 @@ from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import write_whole
 from swe_sphere.files.fingerprints import processor, versions
-from swe_sphere.io.norms import Norms
+from swe_sphere.io.integrals import Norms
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.studies.ended import ENDS
 from swe_sphere.studies.record_store import Record, Store, as_netcdf, read_record
