@@ -17,6 +17,7 @@ import pytest
 
 from swe_sphere.cli.main import main
 from swe_sphere.io.runfile import RunFile
+from swe_sphere.simulation.build import start_warp
 from swe_sphere.simulation.observers import LogLines
 from swe_sphere.simulation.planning import RunPlan
 from swe_sphere.testcases import get_scene
@@ -251,6 +252,7 @@ def test_a_page_of_somebody_else_is_not_replaced(swe, tmp_path, command):
 def _has_gpu():
     import warp as wp
 
+    start_warp()
     return wp.is_cuda_available()
 
 

@@ -17,6 +17,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.io.checkpoint import checkpoint_path, read_checkpoint
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.planet import DAY, HOUR
+from swe_sphere.ranks.communicator import Communicator
 from swe_sphere.simulation.config import load_config, make_config
 from swe_sphere.simulation.observers import HealthCheck, Observer
 from swe_sphere.simulation.planning import RunPlan, automatic_step, continued_plan, time_plan
@@ -356,6 +357,12 @@ def test_a_run_interrupted_at_a_frame_writes_it_once(tmp_path, monkeypatch):
     summary = small(dt=1800.0, every=2.0, out=file)
     assert (summary.exit_status, summary["steps"]) == (130, 4)
     assert RunFile(file).times.tolist() == [0.0, 7200.0]
+
+
+def test_a_step_waits_for_no_numbers_of_all_ranks(monkeypatch):
+    gather, calls = Communicator.gather, []
+    monkeypatch.setattr(Communicator, "gather", lambda *given: calls.append(1) or gather(*given))
+    assert small(dt=900.0)["steps"] > 4 * len(calls)
 
 
 def test_a_run_that_takes_too_long_ends_in_good_order(tmp_path):

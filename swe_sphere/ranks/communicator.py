@@ -4,6 +4,7 @@ Each rank holds the whole mesh on the host and steps its part of it.  Every rank
 what follows from the same numbers: decisions of all ranks agree because their bits do.
 """
 
+import atexit
 import ctypes
 import functools
 import math
@@ -98,6 +99,9 @@ class Communicator:
         self._failures = self._comm.Dup()
         self.rank, self.size = self._comm.rank, self._comm.size
         self.local = self._comm.Split_type(mpi.COMM_TYPE_SHARED).rank
+        self._asked: Any = None
+        self._said, self._heard = np.zeros(1, np.int8), np.zeros(1, np.int8)
+        atexit.register(self._settle)
         self._tell, sys.excepthook = sys.excepthook, self._fail
         threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
 
@@ -152,6 +156,24 @@ class Communicator:
         if error is not None:
             raise error
         return cast(T, value)
+
+    def any_lately(self, mine: bool) -> bool:
+        """Return whether `mine` held on any of several ranks in the call before this one.
+
+        Its message travels while ranks compute.  A single process returns `mine`.
+        """
+        if not self.shared:
+            return mine
+        self._settle()
+        found = bool(self._heard[0])  # zero at the first call
+        self._said[0] = mine
+        self._asked = self._comm.Iallreduce(self._said, self._heard, self._mpi.MAX)
+        return found
+
+    def _settle(self) -> None:
+        """Complete the message of `any_lately`, as MPI requires at the end of a process too."""
+        if self._asked is not None:
+            _complete(self._asked.Test)
 
     @contextmanager
     def root_first(self) -> Iterator[None]:

@@ -23,9 +23,7 @@ from swe_sphere.ranks.communicator import world
 from swe_sphere.ranks.limits import available_memory
 from swe_sphere.settings.values import SCENE, STEPPER, convert, read_settings
 from swe_sphere.simulation.config import RunConfig, make_config
-from swe_sphere.simulation.restart import (
-    OF_ONE_RUN,
-)
+from swe_sphere.simulation.restart import OF_ONE_RUN
 from swe_sphere.testcases import get_scene
 
 if TYPE_CHECKING:
@@ -207,9 +205,10 @@ def start_warp() -> None:
     """Import and initialise Warp, without its message that there is no GPU."""
     import warp as wp
 
-    wp.config.log_level, stderr = wp.LOG_WARNING, os.dup(2)
+    wp.config.log_level = wp.LOG_WARNING
     with tempfile.TemporaryFile() as caught:
         sys.stderr.flush()
+        stderr = os.dup(2)
         os.dup2(caught.fileno(), 2)
         try:
             wp.init()

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
 
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from swe_sphere.io.runfile import Frame
 
 Fields = dict[str, Array]
+F = TypeVar("F", bound=Callable[[Any], Any])
 T = TypeVar("T")
 Numbers = dict[str, float]
 
@@ -233,7 +234,7 @@ TAKEN_BEGINNINGS = (
 """Beginnings of further such names: of counters, and of all numbers of tracers."""
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Diagnostic:
     """A user-defined function that returns a number or a field of a simulation."""
 
@@ -241,10 +242,6 @@ class Diagnostic:
     function: Callable[[Any], Any]
     units: str
     long_name: str
-    ndim: int | None = None
-    """Number of axes of its first value: files have variables for numbers or for fields."""
-    is_lost: bool = False
-    """Whether a value was not finite, of which there is one warning."""
 
     def value(self, sim: Any) -> Array:
         """Return the present number (), or field (N,), of a simulation.
@@ -258,12 +255,11 @@ class Diagnostic:
                 f"{what} returned an array of shape {value.shape}: return one number, or a field of"
                 f" {size} values, one a node"
             )
-        self.ndim = value.ndim if self.ndim is None else self.ndim
-        if value.ndim != self.ndim:
-            first = "field" if self.ndim else "number"
+        if sim.own_axes.setdefault(self, value.ndim) != value.ndim:
+            first = "number" if value.ndim else "field"
             raise RunFailed(f"{what} was a {first} at first and is none now: return the same kind")
-        if not self.is_lost and not np.isfinite(value).all():
-            self.is_lost = True
+        if self not in sim.lost and not np.isfinite(value).all():
+            sim.lost.add(self)
             sim.warn(f"{what} is NaN or infinite at day {sim.time / DAY:.4g}")
         return value
 
@@ -278,6 +274,12 @@ DIAGNOSTICS: dict[str, Diagnostic] = {}
 """All registered diagnostics by name."""
 
 
+@overload
+def diagnostic(function: F) -> F: ...
+@overload
+def diagnostic(
+    *, name: str | None = None, units: str = "1", long_name: str | None = None
+) -> Callable[[F], F]: ...
 def diagnostic(
     function: Any = None, *, name: str | None = None, units: str = "1", long_name: str | None = None
 ) -> Any:

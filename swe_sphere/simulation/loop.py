@@ -93,14 +93,14 @@ class Loop:
         Interrupted where the user asked to stop.
         """
         while self.stepper.steps < self.plan.steps:
-            self._advance(self._next_stop())
+            is_asked = self._advance(self._next_stop())
             self.health.observe(self.sim.snapshot)
             steps = self.stepper.steps
             for observer in self.observers:
                 is_end = steps == self.plan.steps and observer.sees_end
                 if is_end or observed(observer, "due", steps):
                     observed(observer, "observe", self.sim.snapshot)
-            if self._is_asked_to_stop():
+            if is_asked or self._is_asked_to_stop():
                 self._stop()
 
     def _next_stop(self) -> int:
@@ -110,23 +110,28 @@ class Loop:
         due = (step for step in following if any(observed(each, "due", step) for each in everyone))
         return next(due, self.plan.steps)
 
-    def _advance(self, stop: int) -> None:
-        """Take steps, with the clock running, up to that number or until a rank is to stop."""
+    def _advance(self, stop: int) -> bool:
+        """Take steps, with the clock running, up to that number or until a rank is to stop.
+
+        Returns, on all ranks, whether one was.
+        """
         import warp as wp
 
         sim, model, start = self.sim, self.sim.model, time.perf_counter()
         sim.release()
         compiled, worked = model.compile_seconds, self._cpu_seconds()
         deadline = start - compiled + self._limit - sim.wall_seconds
+        is_asked = False
         try:
             while True:
                 self.stepper.step()
                 now = time.perf_counter()
                 self._tick(now)
                 self._is_late = now > deadline + model.compile_seconds
-                if self.stepper.steps >= stop or self._is_asked_to_stop():
+                if self.stepper.steps >= stop or (is_asked := self._is_asked_to_stop()):
                     break
             wp.synchronize_device(model.device)
+            return is_asked
         finally:
             elapsed = time.perf_counter() - start
             sim.wall_seconds += elapsed - (model.compile_seconds - compiled)
@@ -137,9 +142,9 @@ class Loop:
         return time.process_time() - float(self.sim.model.launch.compile_cpu_seconds)
 
     def _is_asked_to_stop(self) -> bool:
-        """Return, on all ranks, whether one of them is late or was interrupted."""
+        """Return, on all ranks, whether one of them is late or interrupted, or was a step ago."""
         asked = self._is_late or self.interruption.received is not None
-        return bool(self.sim.comm.of_each(asked).any())
+        return bool(self.sim.comm.any_lately(asked))
 
     def _stop(self) -> None:
         """Raise Interrupted, or TimedOut before the last step, on all ranks."""

@@ -334,7 +334,7 @@ def every(
         seconds = float(given[0][0]) * given[0][1]
         if steps is None and 1e-3 <= seconds < math.inf:
             return partial(Callback, seconds=seconds)
-        if steps is not None and steps >= 1 and steps == int(steps):
+        if steps is not None and 1 <= steps < math.inf and steps == int(steps):
             return partial(Callback, steps=int(steps))
     raise ConfigError(
         "every: give a positive whole number of steps, or of hours, or of days, no less than a"

@@ -30,6 +30,7 @@ from swe_sphere.settings.values import convert, validated
 from swe_sphere.simulation import build, planning
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.diagnostics import (
+    Diagnostic,
     Fields,
     Numbers,
     Snapshot,
@@ -152,6 +153,10 @@ class Simulation:
         """Identifier of the file of frames that was written last, or that a restart resumes."""
         self.warn: Warn = lambda text: None
         """Called with each warning of a run."""
+        self.own_axes: dict[Diagnostic, int] = {}
+        """Axes of the first value of each user-defined diagnostic: files have variables for it."""
+        self.lost: set[Diagnostic] = set()
+        """User-defined diagnostics that were not finite, of which there is one warning each."""
         self._plan: RunPlan | None = None
         self._stepper: Trajectory | None = None
         self._snapshot: Snapshot | None = None
