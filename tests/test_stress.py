@@ -317,6 +317,16 @@ def test_a_file_of_something_else_is_not_overwritten(tmp_path, capsys, name) -> 
     assert (tmp_path / name).read_text() == "mine"
 
 
+def test_the_quick_form_does_not_replace_the_full_one(tmp_path, capsys) -> None:
+    page, numbers = tmp_path / "page.md", tmp_path / "page.json"
+    page.write_text("# Stability\n")
+    numbers.write_text('{\n "quick": false,\n "results": []\n}\n')
+    with pytest.raises(SystemExit) as end:
+        main(["stress", "--quick", "--groups", "steady", "--out", str(page)])
+    assert end.value.code == 2 and "is of the full form" in capsys.readouterr().err
+    assert page.read_text() == "# Stability\n"
+
+
 def test_results_of_other_code_are_not_those_of_this_one(monkeypatch) -> None:
     case = find("beyond-limit-rk4")
     before = case.fingerprint

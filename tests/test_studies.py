@@ -108,3 +108,21 @@ def test_tables_share_what_stands_before_them(tmp_path) -> None:
     file.write_text('[[case]]\nname = "a"\nrun = "four"\n')
     with pytest.raises(ConfigError, match=r"cases\.toml: run: .* dict"):
         read_family(file)
+
+
+@pytest.mark.parametrize(
+    ("keys", "complaint"),
+    [
+        ("random = 3", "a: random needs steppers"),
+        ('quick = ["rk4"]', "a: quick needs steppers"),
+        ('remedied = ["rk4"]', "a: remedied needs steppers"),
+        ("remedy.viscosity.nu = 1.0", "a: remedy needs steppers"),
+        ('steppers = ["rk4"]\nlevels = [{ne = 2}]', "a: levels cannot be given beside steppers"),
+        ('method = "series"', "a: give steppers, or run.stepper"),
+    ],
+)
+def test_keys_of_a_case_that_would_be_ignored_are_refused(keys, complaint, tmp_path) -> None:
+    file = tmp_path / "cases.toml"
+    file.write_text(f'[[case]]\nname = "a"\nrun.scene = "lauter"\n{keys}\n')
+    with pytest.raises(ConfigError, match=rf"cases\.toml: .*{complaint}"):
+        read_family(file)

@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from itertools import groupby
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -93,7 +94,7 @@ def _run(
     checked_jobs(jobs)
     if resume and out is None:
         raise ConfigError("resume: say what to go on with (--out), or leave it out")
-    file = None if out is None else _page_file(out, folder)
+    file = None if out is None else _page_file(out, folder, context.params["quick"])
     store = None if file is None else Store(file.with_suffix(".runs"), Measure)
     known = store.records if store and resume else ()
     try:
@@ -115,7 +116,7 @@ def _run(
     return 1 if counts["failed"] else 0
 
 
-def _page_file(out: Path, folder: str) -> Path:
+def _page_file(out: Path, folder: str, quick: bool) -> Path:
     """Return the file of the page, checked before anything is run."""
     from swe_sphere.studies.pages import check_page
 
@@ -126,6 +127,8 @@ def _page_file(out: Path, folder: str) -> Path:
     check_page(file, folder.capitalize())
     if numbers.exists() and not file.exists():
         raise ConfigError(f"out: {numbers} is of another page, and would be replaced: move it away")
+    if quick and numbers.exists() and '"quick": true' not in numbers.read_text():
+        raise ConfigError(f"out: {numbers} is of the full form: choose another name")
     return file
 
 
@@ -141,8 +144,8 @@ def _shown(found: Iterator[Row]) -> Iterator[Row]:
 
 def _cells(row: Row) -> Iterator[str]:
     numbers, config = row.quantities, row.config
-    yield from (row.case.name, str(config.ne), str(config.np))
-    yield "" if row.case.method == "start" else f"{row.dt:.4g}"
+    yield from (row.case.name, str(config.ne or ""), str(config.np or ""))
+    yield "" if row.case.method == "start" or isnan(row.dt) else f"{row.dt:.4g}"
     yield from (f"{numbers[name]:.2e}" if name in numbers else "" for name in ("l2_h", "l2_v"))
     yield f"{numbers['order']:.1f}" if "order" in numbers else ""
     yield f"{row.used:.2f}"

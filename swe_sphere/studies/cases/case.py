@@ -10,9 +10,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.fingerprints import code_fingerprint, fingerprint
@@ -204,6 +204,18 @@ class Table(Case):
     remedy: Mapping[str, dict[str, Any]] = {}
     remedied: tuple[str, ...] | None = None
     quick: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _keys_are_used(self) -> Self:
+        """Refuse keys that a table with steppers, or one without, would ignore."""
+        rule = "cannot be given beside" if self.steppers else "needs"
+        only = ("levels", "seeds") if self.steppers else ("random", "remedy", "remedied", "quick")
+        for name in only:
+            if name in self.model_fields_set:
+                raise ValueError(f"{self.name}: {name} {rule} steppers")
+        if self.method == "series" and not self.steppers and "stepper" not in self.run:
+            raise ValueError(f"{self.name}: give steppers, or run.stepper")
+        return self
 
     def cases(self) -> Iterator[Case]:
         """Yield all cases; one with the remedy, which must pass, after the one that may break."""
