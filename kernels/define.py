@@ -4,6 +4,15 @@ A kernel is compiled for a number type and for so many numbers side by side.  It
 (`Name`) for what depends on them: `real`, the number type, `load`, which loads so many numbers.
 `specialise` returns the kernel of Warp in which these names, also those in the functions that it
 calls, have their meaning for a `Register` or for the `KernelTypes` of elements.
+
+A formula is thus written once, with names for the types of its arguments and constants:
+
+    @func
+    def kinetic_energy(u: value, v: value):
+        return real(0.5) * (mul(u, u) + mul(v, v))
+
+What it calls must be defined above it.  Warp compiles a kernel again where its code, or that of a
+function that it calls, has changed.
 """
 
 import functools

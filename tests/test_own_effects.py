@@ -326,6 +326,7 @@ def test_a_run_knows_the_file_it_comes_from(path: Path) -> None:
 
 
 RATE = wp.constant(wp.float64(1e-5))
+RATES = wp.mat22d()
 
 
 @wp.func
@@ -335,13 +336,13 @@ def slowed(v: wp.float64):
 
 @dataclass(frozen=True)
 class Slowing(PointwiseEffect):
-    """-RATE v, with a constant of the program around it and around a function it calls."""
+    """-RATE v, with constants of the program around it and around a function it calls."""
 
     name = "slowing"
 
     @staticmethod
     def wind_tendency(c, i, u, v, h):
-        return -RATE * u, slowed(v)
+        return -RATES[0, 0] * u, slowed(v)
 
 
 @pytest.mark.parametrize("shape", ["element", "node"])
@@ -351,8 +352,29 @@ def test_a_constant_around_a_formula_may_change(monkeypatch, shape):
     plain = Model(MESH, scene, shape=shape)
     state, winds = random_state(plain), slice(0, 2 * MESH.size)
     without = tendency(plain, state)[winds]
-    for rate in (1e-5, 1e-3, 1e-5):
+    for rate, of_east in ((1e-5, 1e-5), (1e-3, 1e-5), (1e-3, 1e-3), (1e-5, 1e-5)):
         monkeypatch.setitem(globals(), "RATE", wp.constant(wp.float64(rate)))
+        RATES[0, 0] = of_east
         model = Model(MESH, scene.with_effect(Slowing()), shape=shape)
         added = tendency(model, state)[winds] - without
-        np.testing.assert_allclose(added, -rate * state[winds], rtol=1e-6)
+        rates = np.repeat([of_east, rate], MESH.size)
+        np.testing.assert_allclose(added, -rates * state[winds], rtol=1e-6)
+
+
+@wp.func
+def circular(v: wp.float64):
+    return circular(v)
+
+
+def test_a_function_that_calls_itself_is_told_in_a_line() -> None:
+    @dataclass(frozen=True)
+    class Circular(PointwiseEffect):
+        name = "circular"
+
+        @staticmethod
+        def depth_tendency(c, i, u, v, h):
+            return circular(h)
+
+    scene = make_scene().with_effect(Circular())
+    with pytest.raises(ConfigError, match="the formulas of circular cannot be compiled"):
+        Model(MESH, scene).right_hand_side()

@@ -198,13 +198,13 @@ def _point_term(effect: PointwiseEffect, known: Mapping[str, Any], tangent: bool
     return PointTerm(effect.name, wind, depth, numbers, arrays, around)
 
 
-def _read_around(formula: Callable[..., Any]) -> tuple[object, ...]:
+def _read_around(formula: Callable[..., Any], *callers: Any) -> tuple[object, ...]:
     """Return what a formula, and functions of Warp in it, read from the code around them."""
-    around = inspect.getclosurevars(formula)
+    around, known = inspect.getclosurevars(formula), (None, formula, *callers)
     return tuple(
-        (name, _read_around(value.func))
-        if isinstance(value, wp.Function) and value.func is not None
-        else (name, repr(value))
+        (name, _read_around(value.func, formula, *callers))
+        if isinstance(value, wp.Function) and value.func not in known
+        else (name, type(value), str(value))
         for name, value in sorted({**around.globals, **around.nonlocals}.items())
     )
 

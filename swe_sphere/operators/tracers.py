@@ -136,8 +136,9 @@ class Limiter:
             self._inside, mesh.groups, self._geometry, state, *self._offsets, self._count,
             *self._bounds, self._local.values,
         )  # fmt: skip
-        added = self._added.setdefault(state.ptr, stage_struct(mesh.real)())
-        added.on, added.start, added.tau = True, state, 1.0
+        if (added := self._added.get(state.ptr)) is None:
+            added = self._added[state.ptr] = stage_struct(mesh.real)()
+            added.on, added.start, added.tau = True, state, 1.0
         for add in self._additions:
             add(
                 self._places, mesh.inverse_area, mesh.lanes, size, self._count, first,
