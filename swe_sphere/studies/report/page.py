@@ -98,10 +98,8 @@ def read_sections(datasets: Dataset | Mapping[str, Dataset]) -> list[Section]:
     sections = []
     for title, dataset in datasets.items():
         plan = json.loads(dataset.attrs.get("plan", "{}"))
-        own, target = (
-            float(dataset.attrs.get("converged_check", math.nan)),
-            plan.get("target_error"),
-        )
+        own = float(dataset.attrs.get("converged_check", math.nan))
+        target = plan.get("target_error")
         for where, runs in read_runs(dataset).groupby(["scene", "mesh"], sort=False):
             if target is None:
                 ranked = rankings(runs, metrics(runs), ", ".join(where), own)
