@@ -44,7 +44,8 @@ tracers there kernel by kernel.  No step copies a state to the host, nor does th
 solution still makes sense.  Three things do: the set-up of a preconditioner reads the depth (and
 `jacobian-direct`, whose factors are on the host, looks at the flow in every step); a difference in
 the place of the derivative, of an effect that has none, measures the state on the host; and winds
-and forcings that change in time are evaluated by numpy and sent.
+and forcings that change in time are evaluated by numpy and sent.  Tracer steps that are longer
+than those of the flow bring one number to the host in each, the strongest wind.
 [Several processes](parallel.md) share a run on GPUs as on CPUs.
 Made by `python benchmarks/gpu.py`."""
 

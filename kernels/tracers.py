@@ -8,7 +8,14 @@ tracer; the kernels run over (tracers, N) threads.
 
 import warp as wp
 
-from swe_sphere.kernels.define import kernel, real, vector
+from swe_sphere.kernels.assembly import leave_one
+from swe_sphere.kernels.define import kernel, real, value, vector
+from swe_sphere.kernels.formulas import single
+from swe_sphere.kernels.metric import area, contravariant_flux
+from swe_sphere.kernels.simd.arithmetic import div, mul
+from swe_sphere.kernels.simd.memory import load_nodes
+from swe_sphere.kernels.simd.stages import stage
+from swe_sphere.kernels.terms import geometry, np_
 
 
 @kernel
@@ -61,9 +68,29 @@ def raised_tangent(
 
 
 @kernel
-def mass_flux(wind: vector, x: vector, depth: int, size: int, out: vector):
-    """out (2N,) = h (u, v) over N, with the winds in front of `wind` and h in x[depth:]."""
+def mass_flux(
+    wind: vector, x: vector, depth: int, size: int, first: int, s: stage, out: vector
+):  # fmt: skip
+    """out[first:] = h (u, v) over N, with the winds in front of `wind` and h in x[depth:]."""
     node = wp.tid()
     h = x[depth + node]
-    out[node] = h * wind[node]
-    out[size + node] = h * wind[size + node]
+    leave_one(s, first + node, 0, single(h * wind[node]), out)
+    leave_one(s, first + size + node, 0, single(h * wind[size + node]), out)
+
+
+@kernel
+def crossings(geo: geometry, flux: vector, air: vector, out: wp.array(dtype=value)):
+    """Leave the largest sum of speeds across lines of both coordinates; over groups of elements.
+
+    The speeds |d xi / dt| [s-1] are those of flux (2N, ...) / air (N,); an element's sides have
+    length 2 in xi.
+    """
+    e = wp.tid()
+    most = value(real(0.0))
+    for n in range(np_ * np_):
+        node = geo.nodes[e, n]
+        u, v = load_nodes(flux, 0, node), load_nodes(flux, geo.size, node)
+        one, two = contravariant_flux(geo.basis, e, n, u, v)
+        room = mul(area(geo.basis, e, n), load_nodes(air, 0, node))
+        most = wp.max(most, div(wp.abs(one) + wp.abs(two), room))
+    out[e] = most

@@ -119,10 +119,11 @@ def test_a_stepper_without_growth_is_one_line(here) -> None:
 
 
 @pytest.mark.parametrize("names", [("state", "previos"), "state", ("dt",)])
-def test_names_of_no_arrays_are_one_line(names: object, monkeypatch) -> None:
+@pytest.mark.parametrize("what", ["memory", "levels"])
+def test_names_of_no_arrays_are_one_line(what: str, names: object, monkeypatch) -> None:
     model = Model(Mesh.build(2, 4), get_scene("williamson5"))
-    monkeypatch.setattr(RK4, "memory", names)
-    with pytest.raises(ConfigError, match="stepper rk4: `memory` must be a tuple"):
+    monkeypatch.setattr(RK4, what, names)
+    with pytest.raises(ConfigError, match="stepper rk4: `memory` and `levels` must be tuples"):
         RK4(model, 60.0).start(model.initial_state())
 
 

@@ -10,7 +10,7 @@ from swe_sphere.io.reference_solution import shipped_reference
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
-from swe_sphere.simulation.observers import LogLines
+from swe_sphere.simulation.observers import LogLines, every
 from swe_sphere.simulation.simulation import Simulation, run
 from swe_sphere.testcases import get_scene
 
@@ -205,6 +205,15 @@ def test_a_time_limit_leaves_no_step_uncalled():
         sim.run(days=0.25, time_limit=1e-9, callbacks=[lambda sim: calls.append(sim.steps)])
     sim.run(days=0.25, callbacks=[lambda sim: calls.append(sim.steps)])
     assert calls == [*range(1, 13)]
+
+
+def test_calls_fall_on_steps_that_are_taken_at_once():
+    sim = Simulation("deformational", ne=2, np=4, dt=300.0, stepper="rk4", tracer_steps=4)
+    with pytest.raises(ConfigError, match="3 steps are no multiple of the 4"):
+        sim.run(days=0.5, callbacks=[every(steps=3)(lambda sim: None)])
+    calls = []
+    sim.run(days=0.5, callbacks=[every(steps=8)(lambda sim: calls.append(sim.steps))])
+    assert calls[:3] == [8, 16, 24]
 
 
 class Gone:

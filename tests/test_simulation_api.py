@@ -445,7 +445,7 @@ WAYS = [
     ("williamson5", {"stepper": "tr-bdf2", "adaptive": 1e-3, "dt": "auto"}),
     ("williamson5", {"stepper": "epi3"}), ("williamson5", {"stepper": "semi-implicit"}),
     ("williamson5", {"stepper": "leapfrog"}), ("williamson5", {"stepper": "mis2", "dt": 600.0}),
-    ("deformational", {"stepper": "forward-backward", "dt": "auto"}),
+    ("deformational", {"stepper": "forward-backward", "tracer_steps": "auto", "dt": "auto"}),
 ]  # fmt: skip
 """Runs whose summaries have all kinds of names in them."""
 

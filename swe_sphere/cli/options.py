@@ -18,7 +18,7 @@ METAVARS = {
     "centre_lon": "DEGREES", "centre_lat": "DEGREES", "spin": "DEGREES", "alpha": "RADIANS",
     "device": "cpu|cuda:0", "settings": "EFFECT.PARAMETER=VALUE", "diagnostics": "FILE.py",
     "out": "FILE.nc", "every": "HOURS", "plot": "FILE.png", "live": "FIELD", "restart": "FILE.nc",
-    "reference": "FILE.nc", "time_limit": "SECONDS", "levels": "N",
+    "reference": "FILE.nc", "time_limit": "SECONDS", "tracer_steps": "K|auto", "levels": "N",
     "repeats": "R", "jobs": "N", "target_error": "E", "error": "E",
     "budget": "SECONDS",
     "projection": "NAME", "centre": "LON|LON,LAT", "region": "W,E,S,N", "limits": "LOW,HIGH",

@@ -23,7 +23,7 @@ class FastWaves:
         self.state = model.zeros()
         """What is moved on: wind and depth, and what the model carries behind them."""
         self._winds, self._depth = 2 * n, self.state[2 * n : 3 * n]
-        types, self._carries = mesh.types(), int(model.tracers is not None)
+        types, self._carries = mesh.types(), int(model.carried is not None)
         self._transport, self._slope = kernels = [
             field_kernel(types, formula) for formula in (transport(), gradient)
         ]
@@ -34,7 +34,7 @@ class FastWaves:
         self._add = combine_kernel(mesh.real, 2)
         model.launch.load(*kernels)
         self._path, self._crossed, self._behind = self.state, self.state, slice(0, 0)
-        if model.tracers is not None:
+        if model.carried is not None:
             model.launch.load(self._add)
             self._path = wp.zeros(2 * n, dtype=mesh.real, device=model.device)
             self._crossed, self._behind = model.zeros(), slice(3 * n, model.size)
@@ -52,9 +52,9 @@ class FastWaves:
         for step in range(steps):
             self._drift(rest, rate, tau, float(step > 0))
             self._kick(rate, tau if step + 1 < steps else 0.5 * tau)
-        if self._model.tracers is not None:
+        if self._model.carried is not None:
             behind, crossed = self._behind, self._crossed
-            self._model.tracers.carry(self._path, carrier, crossed)
+            self._model.carried.carry(self._path, carrier, crossed)
             moved = self.state[behind]
             self._model.launch(
                 self._add, moved.size, moved, rate[behind], duration, crossed[behind], 1.0, moved

@@ -19,7 +19,7 @@ from swe_sphere.equations.right_hand_side import (
 )  # fmt: skip
 from swe_sphere.equations.scene import Scene, State
 from swe_sphere.equations.spectrum import Spectrum, spectral_radius
-from swe_sphere.equations.tracer_equations import TracerEquations, mixing_ratios
+from swe_sphere.equations.tracer_equations import MassFlux, TracerEquations, mixing_ratios
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.simd.stages import stage_struct
 from swe_sphere.mesh import Mesh
@@ -52,12 +52,18 @@ class Model(DiscreteScene):
             raise ConfigError(f"the Jacobian is exact or difference, not {jacobian!r}")
         super().__init__(mesh, scene, device, precision, shape, comm or Communicator())
         self._jacobian = jacobian
-        self._carry()
+        self._carry(flux=False)
 
-    def _carry(self) -> None:
-        """Let states have the tracers of the scene behind wind and depth."""
-        self.tracers = TracerEquations(self) if self.scene.tracers else None
-        self.names = (*self.fluid, *(self.tracers.names if self.tracers else ()))
+    def _carry(self, flux: bool) -> None:
+        """Let states have tracers behind wind and depth, or the flux of mass that carries them."""
+        self.tracers: TracerEquations | None = None
+        self.carried: TracerEquations | MassFlux | None = None
+        """What a state carries behind wind and depth."""
+        if flux:
+            self.carried = MassFlux(self)
+        elif self.scene.tracers:
+            self.carried = self.tracers = TracerEquations(self)
+        self.names = (*self.fluid, *(self.carried.names if self.carried else ()))
         """Names of the blocks (N,) of a state."""
         self.size = len(self.names) * self.device_mesh.size
         if not self.diffusive:  # else a stepper may want it without diffusion
@@ -96,12 +102,21 @@ class Model(DiscreteScene):
         if not self.diffusive:
             return self
         effects = tuple(effect for effect in self.scene.effects if not effect.diffuses)
+        return self._alike(replace(self.scene, effects=effects), isinstance(self.carried, MassFlux))
+
+    @cached_property
+    def carrier(self) -> "Model":
+        """The model with the flux of mass in the place of tracers; all else is shared."""
+        return self._alike(self.scene, True)
+
+    def _alike(self, scene: Scene, carries_flux: bool) -> "Model":
+        """A model with fewer effects, or other fields behind the fluid."""
         other = copy.copy(self)
         for name, attribute in vars(Model).items():
             if isinstance(attribute, cached_property):
                 vars(other).pop(name, None)
-        other.scene = replace(self.scene, effects=effects)
-        other._carry()
+        other.scene = scene
+        other._carry(carries_flux)
         return other
 
     # --- states
@@ -118,7 +133,7 @@ class Model(DiscreteScene):
         """
         ratios = mixing_ratios(self.scene, self.mesh) | tracers
         masses = {f"hq_{name}": h * q for name, q in ratios.items()}
-        values = {"u": u, "v": v, "h": h} | masses
+        values = {"u": u, "v": v, "h": h} | masses | dict.fromkeys(MassFlux.names, np.zeros(1))
         blocks = [np.broadcast_to(values[name], self.mesh.size) for name in self.names]
         return self.device_mesh.scatter(np.concatenate(blocks))
 
@@ -166,8 +181,8 @@ class Model(DiscreteScene):
             step = stage_struct(self.device_mesh.real)()
             step.on, (step.start, step.tau) = True, stage
         operations = fluid_operations(self, component, base, step)
-        if self.tracers is not None and not fluid_only:
-            operations += self.tracers.operations(component, base, step)
+        if self.carried is not None and not fluid_only:
+            operations += self.carried.operations(component, base, step)
         counter = COMPONENTS[component]
         fields = (self.wind,) if component == "tangent" else (self.wind, self.forcing)
         return RightHandSide(

@@ -7,7 +7,8 @@ import warp as wp
 
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.right_hand_side import element_terms, pointwise_terms
-from swe_sphere.kernels import Terms, specialise
+from swe_sphere.equations.tracer_equations import MassFlux
+from swe_sphere.kernels import Terms, combine_kernel, specialise
 from swe_sphere.kernels.dynamics import transport
 from swe_sphere.kernels.forward_backward import (
     carrying_kernel,
@@ -31,7 +32,8 @@ class Passes:
     What the equations are evaluated at are combinations of time levels, which each pass leaves for
     those to come: the masses of `carried`, and in `pushed` the wind that moves them and turns, with
     the depth whose slope pushes it.  Both have the size of a state; for linearised dynamics they
-    are differences to the base.  Under a prescribed wind there is no wind to step.
+    are differences to the base.  Under a prescribed wind there is no wind to step.  A mass flux
+    that the model sums up is that of the depth's own step.
     """
 
     def __init__(self, model: Model) -> None:
@@ -41,7 +43,9 @@ class Passes:
         terms = element_terms(model.scene, "conservative")
         point = pointwise_terms(model.scene, "conservative", model.parameters)
         self._moves, self._first = not terms.wind, terms.unknowns - 1
-        self._masses = len(model.names) - self._first
+        self._flux = model.carried if isinstance(model.carried, MassFlux) else None
+        self._masses = 1 if self._flux else len(model.names) - self._first
+        self._crossing, self._add = model.zeros(), combine_kernel(self._real, 1)
         self.carried, self.pushed, self._loss = (model.zeros() for _ in range(3))
         self._base: wp.array | None = model.parameters.get("base")
         self._combine = specialise(combine_levels_kernel(point.tangent), self._real)
@@ -80,7 +84,7 @@ class Passes:
             types = mesh.types(terms=replace(terms, momentum=True), **stepped)
             self._force = pushing_kernel(types, damped) if direct else tendency_kernels(types)[0]
             self._force_geometry = mesh.geometry(types.geometry, parameters)
-        wanted = [self._transport, self._force, self._combine]
+        wanted = [self._transport, self._force, self._combine, self._add if self._flux else None]
         model.launch.load(*(kernel for kernel in wanted if kernel is not None))
 
     def weights(self, *numbers: float) -> Any:
@@ -104,6 +108,10 @@ class Passes:
         model.counters["rhs_evaluations"] += 1
         model.set_time(t)
         step = self._step_of(tau, levels, out, flows, mixes)
+        if self._flux is not None:  # before the elements change what they carry
+            self._flux.carry(self.pushed, self.carried, self._crossing)
+            of_now, rate, of_out = (x[self._flux.first :] for x in (levels[0], self._crossing, out))
+            model.launch(self._add, of_now.size, of_now, rate, tau, of_out)
         if self._transport is not None:
             wind = model.parameters.get("wind", self.pushed) if self._base is None else self._base
             local = self._local_depth

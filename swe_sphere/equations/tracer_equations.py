@@ -1,4 +1,4 @@
-"""What a state carries behind wind and depth: the masses hq of tracers."""
+"""What a state carries behind wind and depth: the masses hq of tracers, or the flux of mass."""
 
 from functools import partial
 from typing import Any
@@ -13,7 +13,7 @@ from swe_sphere.equations.right_hand_side import Operation, element_terms, term_
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms, combine_kernel, specialise
-from swe_sphere.kernels.tracers import raised, raised_tangent
+from swe_sphere.kernels.tracers import mass_flux, raised, raised_tangent
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.tracers import Limiter, MixingRatio, TracerTransport
 
@@ -144,3 +144,37 @@ class _Diffusion:
     def _add_rates(self, rate: wp.array, out: wp.array) -> None:
         masses = out[self._first : self._first + rate.size]
         self._launch(self._add, rate.size, masses, rate, 1.0, masses)
+
+
+class MassFlux:
+    """Two blocks G (N,) [m2] in the place of tracers behind wind and depth, with dG/dt = h V.
+
+    Without dissipation and sources dh/dt = -div(dG/dt), and every scheme that combines tendencies
+    and states linearly keeps h + div G to round-off: the change of G between two times is the mass
+    flux with which tracers have to be carried from one to the other.  Dissipation is no flux.
+    """
+
+    names = ("flux_u", "flux_v")
+
+    def __init__(self, model: DiscreteScene) -> None:
+        self._launch, self._size = model.launch, model.device_mesh.size
+        self.first = model.fluid_size
+        """Offset of G in a state vector."""
+        self._depth, self._rate = self.first - self._size, model.device_mesh.stage
+        (self._kernel,) = model.launch.compile(model.device_mesh.real, mass_flux)
+
+    def operations(self, component: str, base: wp.array | None, stage: Any) -> list[Operation]:
+        """Return the operations on G of a component, see `RightHandSide`.
+
+        Raises NotImplementedError for the tangent, which no stepper with this flux needs.
+        """
+        if component == "tangent":
+            raise NotImplementedError("the mass flux has no tangent")
+        if component not in TRANSPORT:
+            return [Operation(partial(_clear, self.first))]
+        return [Operation(lambda x, out: self.carry(x, x, out, stage))]
+
+    def carry(self, wind: wp.array, x: wp.array, out: wp.array, stage: Any = None) -> None:
+        """out_G = h V, or the result of a stage, with the wind in front of `wind`."""
+        size, stage = self._size, self._rate if stage is None else stage
+        self._launch(self._kernel, size, wind, x, self._depth, size, self.first, stage, out)

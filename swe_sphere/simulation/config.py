@@ -80,6 +80,10 @@ Spoken = Annotated[float, _not_of(bool), Field(gt=0.0)]
 """A positive number, also as text."""
 SpokenWhole = Annotated[int, _not_of(bool)]
 TimeStep = Annotated[float | Literal["auto"], or_auto(Spoken, "a positive number of seconds")]
+Count = Annotated[
+    int | Literal["auto"],
+    or_auto(Annotated[SpokenWhole, Field(gt=0)], "a whole number from 1 on"),
+]
 
 
 class SharedConfig(BaseModel):
@@ -103,6 +107,8 @@ class SharedConfig(BaseModel):
     """Where to run."""
     launch: Literal["element", "node"] | None = None
     """Shape of kernel launches: a thread for each element or for each node."""
+    tracer_steps: Count = 1
+    """Steps of the flow for one of the tracers it carries. auto: as many as their limit allows."""
 
 
 class RunConfig(SharedConfig):

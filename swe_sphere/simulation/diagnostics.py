@@ -220,8 +220,8 @@ TAKEN = frozenset({
     "preconditioner_applications", "record", "references", "rejected_steps", "repeat", "report_day",
     "role", "run", "run_id", "scene_parameters", "scheme", "settings", "setup_seconds", "setups",
     "source", "sources", "spread", "stable_dt", "start_step", "status", "stepper_options",
-    "summary", "tangent_evaluations", "time", "title", "total_seconds",
-    "tracer_steps", "wall", "wind",
+    "steps_at_once", "summary", "tangent_evaluations", "time", "title", "total_seconds",
+    "tracer_stages", "tracer_steps", "wall", "wind",
 })  # fmt: skip
 """Names of other values in files and summaries of runs."""
 OPTIONS = frozenset({

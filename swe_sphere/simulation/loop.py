@@ -105,8 +105,8 @@ class Loop:
 
     def _next_stop(self) -> int:
         """Return the next step after which an observer is due."""
-        everyone = self.health, *self.observers
-        following = range(self.stepper.steps + 1, self.plan.steps)
+        cycle, everyone = self.plan.cycle, (self.health, *self.observers)
+        following = range(self.stepper.steps + cycle, self.plan.steps, cycle)
         due = (step for step in following if any(observed(each, "due", step) for each in everyone))
         return next(due, self.plan.steps)
 

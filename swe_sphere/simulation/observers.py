@@ -272,6 +272,14 @@ class Callback(Observer):
     """About how many calls there are, in the place of `steps`."""
     sees_end = False
 
+    def check(self, plan: RunPlan) -> None:
+        """Raise ConfigError where a call is due in the middle of steps that are taken together."""
+        if self.steps > 1 and self.steps % plan.cycle:
+            raise ConfigError(
+                f"every: {self.steps} steps are no multiple of the {plan.cycle} that are taken at"
+                " once (tracer-steps)"
+            )
+
     def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
         self._every = plan.interval(self.times) if self.times else self.steps
         if self.seconds is not None:

@@ -19,6 +19,9 @@ SHORTEST = Fraction(1, 2)
 """A given step may be shortened to no less than this part of it."""
 UNLIMITED = 1e7
 """A stability limit above this [s] is treated as none."""
+ROUNDING = 1.0 + 1e-9
+LONGEST_OF_TRACERS = 3.0 * HOUR
+"""Longest automatic step of tracers in a flow that is stepped, and so changes meanwhile [s]."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,8 @@ class RunPlan:
     """Requested or chosen length of a step, before it was fitted to the frames [s]."""
     rule: str = "as given"
     """How the step was chosen, in words."""
+    cycle: int = 1
+    """Steps that are taken together with one step of the tracers; divides all other counts."""
 
     def time(self, step: int) -> float:
         """Return the time after so many steps [s], to the microsecond."""
@@ -46,7 +51,7 @@ class RunPlan:
 
     def interval(self, times: int) -> int:
         """Return the steps between samples of which a run has about so many."""
-        return max(1, self.steps // times)
+        return self.cycle * max(1, self.steps // (self.cycle * times))
 
 
 def free_steps(days: float, dt: float) -> RunPlan:
@@ -55,13 +60,20 @@ def free_steps(days: float, dt: float) -> RunPlan:
     return RunPlan(dt, count, count, dt)
 
 
-def time_plan(days: float, every: float | None, dt: float, also: Sequence[float] = ()) -> RunPlan:
+def time_plan(
+    days: float,
+    every: float | None,
+    dt: float,
+    also: Sequence[float] = (),
+    cycle: int = 1,
+    fewer: bool = False,
+) -> RunPlan:
     """Return the plan of a new run.
 
     days: length of the run [days]; 0 for a plan without a step.  every: time between frames [h];
     None: about a day.  dt: time step [s], which may be shortened a little.  also: further times [s]
-    whose multiples fall on steps.  Raises ConfigError where no step near dt fits the length and the
-    frames.
+    whose multiples fall on steps.  cycle: steps that are taken together; fewer: or fewer of them.
+    Raises ConfigError where no step near dt fits the length and the frames.
     """
     if days == 0.0:
         return RunPlan(dt, 0, 1, dt)
@@ -72,7 +84,9 @@ def time_plan(days: float, every: float | None, dt: float, also: Sequence[float]
         raise ConfigError(f"dt={dt:g} s means more than {MOST_STEPS:.0e} steps: take a larger dt")
     interval = _interval(length, every, dt)
     common = reduce(common_measure, map(_milliseconds, also), common_measure(length, interval))
-    step = common / max(1, math.ceil(common / Fraction(dt) - Fraction(1, 10**9)))
+    whole = common / _parts(common, cycle * Fraction(dt))
+    cycle = min(cycle, _parts(whole, Fraction(dt))) if fewer else cycle
+    step = whole / cycle
     if step < SHORTEST * Fraction(dt):
         calls = "".join(f" and calls every {time / HOUR:g} h" for time in also)
         raise ConfigError(
@@ -80,7 +94,12 @@ def time_plan(days: float, every: float | None, dt: float, also: Sequence[float]
             f" every {float(interval / 3600):g} h{calls}: change every, or take"
             f" dt={float(step):g} or less"
         )
-    return RunPlan(float(step), int(length / step), int(interval / step), dt)
+    return RunPlan(float(step), int(length / step), int(interval / step), dt, cycle=cycle)
+
+
+def _parts(length: Fraction, longest: Fraction) -> int:
+    """Return the number of equal parts, none longer than `longest`, of a length."""
+    return max(1, math.ceil(length / longest - Fraction(1, 10**9)))
 
 
 def continued_plan(
@@ -92,18 +111,18 @@ def continued_plan(
     where the length, the frames or the further times are no whole number of steps, or where the run
     has already reached that length.
     """
-    dt = plan.dt
-    steps = _whole("days", days * DAY, dt)
+    dt, long = plan.dt, plan.cycle * plan.dt
+    steps = plan.cycle * _whole("days", days * DAY, long)
     if steps <= done:
         raise ConfigError(
             f"the run stands at day {done * dt / DAY:g} already: give more than days={days:g} (the"
             " length counts from the very start)"
         )
     for seconds in also:
-        _whole("every of a callback", seconds, dt)
+        _whole("every of a callback", seconds, long)
     interval = _interval(_milliseconds(days * DAY), every, dt)
-    frames = _whole("every", float(interval), dt) if every else max(1, round(interval / dt))
-    return replace(plan, steps=steps, frame_steps=min(frames, steps), wanted=dt)
+    frames = _whole("every", float(interval), long) if every else max(1, round(interval / long))
+    return replace(plan, steps=steps, frame_steps=min(plan.cycle * frames, steps), wanted=dt)
 
 
 def _interval(length: Fraction, every: float | None, dt: float) -> Fraction:
@@ -177,4 +196,43 @@ def plan_run(sim: Any, also: Sequence[float] = ()) -> RunPlan:
     else:
         interval = DAY if config.every is None else config.every * HOUR
         dt, rule = min(interval, length * DAY), "time between frames, in which steps adapt"
-    return replace(time_plan(sim.days, config.every, dt, also), rule=rule)
+    cycle, automatic = tracer_cycle(sim, dt), config.tracer_steps == "auto"
+    return replace(time_plan(sim.days, config.every, dt, also, cycle, automatic), rule=rule)
+
+
+def tracer_cycle(sim: Any, dt: float) -> int:
+    """Return the steps of dt [s] for one step of the tracers: as requested, or as many as may be.
+
+    Raises ConfigError where that is too many, or where tracers cannot have their own steps.
+    """
+    from swe_sphere.steppers.tracer_steps import tracer_limit, why_not
+
+    asked = sim.config.tracer_steps
+    if asked == 1:
+        return 1
+    reason = why_not(sim.model, sim.kind, sim.config.adaptive)
+    if reason and asked != "auto":
+        raise ConfigError(f"tracer-steps={asked}: {reason}; leave tracer-steps out")
+    limit = 0.0 if reason else tracer_limit(sim.model)
+    if asked == "auto":
+        longest = min(limit, LONGEST_OF_TRACERS if sim.scene.wind is None else math.inf)
+        return max(1, int(longest / dt)) if math.isfinite(longest) else 1
+    if asked * dt > limit * ROUNDING:
+        raise ConfigError(
+            f"tracer-steps={asked}: the longest step of the tracers is {limit:.4g} s; of"
+            f" {dt:.4g} s take {max(1, int(limit / dt))} at once at the most"
+        )
+    return int(asked)
+
+
+def with_cycle(sim: Any, plan: RunPlan) -> RunPlan:
+    """Return the same steps, as many of them together as the configuration requests or allows.
+
+    Raises ConfigError where the steps between frames are no multiple of a requested number.
+    """
+    most, both = tracer_cycle(sim, plan.dt), math.gcd(plan.steps, plan.frame_steps)
+    if sim.config.tracer_steps == "auto":
+        most = max(k for k in range(1, most + 1) if both % k == 0)
+    if both % most:
+        raise ConfigError(f"tracer-steps={most}: {both} steps between frames are no multiple of it")
+    return replace(plan, cycle=most)

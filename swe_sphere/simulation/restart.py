@@ -158,7 +158,8 @@ class Restart:
                 f"dt={asked} s: a restarted run goes on with the step of its file, {dt:g} s;"
                 " leave dt out"
             )
-        return RunPlan(dt, self.steps, self.steps, dt, "that of the restart file")
+        cycle = int(self.attributes.get("steps_at_once", 1))
+        return RunPlan(dt, self.steps, self.steps, dt, "that of the restart file", cycle)
 
     @property
     def counts(self) -> dict[str, float]:
@@ -187,7 +188,7 @@ def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
         "centre": [*mesh.centre],
         "spin": mesh.spin,
         "precision": config.precision,
-        "tracer_steps": 1,  # others are of files by earlier versions
+        "tracer_steps": config.tracer_steps,
         "scene_parameters": dict(scene.parameters),
         "effects": {effect.name: asdict(effect) for effect in scene.effects},
         "planet": asdict(scene.planet),

@@ -255,7 +255,7 @@ class Simulation:
         """
         check_options(self.kind.name, self.options)
         if plan is not None:
-            self._plan = plan
+            self._plan = planning.with_cycle(self, plan)
         elif self.steps:
             every = self.config.every
             self._plan = planning.continued_plan(self.plan, self.days, every, self.steps, also)
@@ -267,12 +267,20 @@ class Simulation:
     def _start_stepper(self) -> None:
         """Build the stepper of the plan, at the initial state or that of the checkpoint."""
         from swe_sphere.steppers.adaptive import AdaptiveSteps
+        from swe_sphere.steppers.tracer_steps import CarriedTracers, CarriedWithDepth
 
+        model, dt, cycle = self.model, self.plan.dt, self.plan.cycle
+        options = self.options | self._objects
         with users_code():
-            single = self.kind(self.model, self.plan.dt, **(self.options | self._objects))
-            stepper: Trajectory = single
-            if self.config.adaptive is not None:
-                stepper = AdaptiveSteps(single, self.config.adaptive)
+            stepper: Trajectory
+            if cycle == 1:
+                stepper = single = self.kind(model, dt, **options)
+                if self.config.adaptive is not None:
+                    stepper = AdaptiveSteps(single, self.config.adaptive)
+            elif self.scene.wind is None:
+                stepper = CarriedTracers(model, self.kind(model.carrier, dt, **options), cycle)
+            else:
+                stepper = CarriedWithDepth(model, self.kind, dt, cycle)
             state = self.model.initial_state()
             self._stepper, self._snapshot = stepper, None
             self._counted = dict(self.model.counters)
@@ -400,7 +408,10 @@ class Simulation:
         self.comm.on_root(lambda: check_paths(config))
         self.config = config
         self._check_reference()
-        self.begin(also=[c.seconds for c in observers if isinstance(c, Callback) and c.seconds])
+        calls = [each for each in observers if isinstance(each, Callback)]
+        self.begin(also=[call.seconds for call in calls if call.seconds])
+        for call in calls:
+            call.check(self.plan)
         if self.comm.rank == 0 and (is_watched() if progress is None else progress):
             observers.append(ProgressBar())
         self.warn = warn or self._warn
@@ -507,6 +518,7 @@ class Simulation:
             "stepper": self.config.stepper,
             "scheme": self.kind.name if self._stepper is None else self._stepper.name,
             "dt": plan and plan.dt,
+            "steps_at_once": plan and plan.cycle,
             "dt_rule": plan and plan.rule,
             "stable_dt": self._limit,
             "device": self.model.device,

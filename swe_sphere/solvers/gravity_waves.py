@@ -16,9 +16,9 @@ from swe_sphere.equations.effects import EFFECTS
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.right_hand_side import Operator
 from swe_sphere.equations.spectrum import Spectrum, spectral_radius
-from swe_sphere.equations.tracer_equations import TracerEquations
+from swe_sphere.equations.tracer_equations import MassFlux, TracerEquations
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels import Terms
+from swe_sphere.kernels import Terms, combine_kernel
 from swe_sphere.kernels.tracers import mass_flux
 from swe_sphere.operators import TendencyOperator
 from swe_sphere.operators.replay import recorded
@@ -128,7 +128,7 @@ class TracerWaves:
         self._transport = TracerTransport(mesh, model.launch, count)
         self._air_transport = TracerTransport(mesh, model.launch, 1)
         self._flux, self._air = mesh.upload(np.zeros(count * n)), mesh.upload(np.zeros(n))
-        self._ones = mesh.upload(np.ones(n))
+        self._ones, self._rate = mesh.upload(np.ones(n)), mesh.stage
         self._units = [model.zeros() for _ in range(count)]
         for unit, begin in zip(self._units, range(self._first, model.size, n), strict=True):
             unit[begin : begin + n].fill_(1.0)
@@ -156,7 +156,30 @@ class TracerWaves:
     def _carry_rest(self, d: wp.array) -> None:
         """flow = H V."""
         n = self._ones.size
-        self._launch(self._carry, n, d, self._rest, self._depth, n, self._flow)
+        self._launch(self._carry, n, d, self._rest, self._depth, n, 0, self._rate, self._flow)
+
+
+class FluxWaves:
+    """L_G(V) = H V: what the waves carry across a point, in the place of tracers."""
+
+    def __init__(self, model: Model, flux: MassFlux, rest: wp.array) -> None:
+        """rest: wind and depth without motion, the reference depth H [m]."""
+        self._launch, self._flux, self._rest = model.launch, flux, rest
+        self._add = combine_kernel(model.device_mesh.real, 1)
+        self._launch.load(self._add)
+
+    def linearise(self, state: wp.array) -> None:
+        """Nothing depends on the state."""
+
+    def apply(self, d: wp.array, out: wp.array) -> None:
+        """out_G = L_G d."""
+        self._flux.carry(d, self._rest, out)
+
+    def solve(self, tau: float, r: wp.array, x: wp.array) -> None:
+        """x_G = r_G + tau L_G x."""
+        self.apply(x, x)
+        old, crossed = (each[self._flux.first :] for each in (r, x))
+        self._launch(self._add, crossed.size, old, crossed, tau, crossed)
 
 
 class GravityWaves:
@@ -169,8 +192,11 @@ class GravityWaves:
     def __init__(self, model: Model) -> None:
         self.depth, mesh, rest = reference_depth(model), model.device_mesh, state_of_rest(model)
         self._apply_to_fluid = wave_operator(model, rest)
-        tracers = model.tracers
-        self._tracers = None if tracers is None else TracerWaves(model, tracers, rest)
+        self._tracers: TracerWaves | FluxWaves | None = None
+        if isinstance(model.carried, MassFlux):
+            self._tracers = FluxWaves(model, model.carried, rest)
+        elif model.carried is not None:
+            self._tracers = TracerWaves(model, model.carried, rest)
         coriolis = np.zeros(model.mesh.size)
         self.operator = schur_operator(model, coriolis, wp.float64, mesh.real)
         self._rough = schur_operator(model, coriolis, wp.float32, mesh.real)

@@ -55,7 +55,8 @@ class ForwardBackward(SplitExplicit):
     """
 
     name, order = "forward-backward", 2
-    memory = "state", "previous", "older", "carried", "pushed"
+    levels = "state", "previous", "older"
+    memory = *levels, "carried", "pushed"
     diffusion_steps = 1
     diffusion_order = 1
     repeats_from: ClassVar[int] = 2

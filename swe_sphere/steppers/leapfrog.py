@@ -25,7 +25,8 @@ class Leapfrog(Stepper):
     """
 
     name, order = "leapfrog", 2
-    memory: ClassVar[tuple[str, ...]] = "state", "previous"
+    levels = "state", "previous"
+    memory: ClassVar[tuple[str, ...]] = levels
     diffusion_steps = 2
     holds_damping = True
     repeats_from = 1

@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.tracer_equations import mixing_ratios
+from swe_sphere.equations.tracer_equations import MassFlux, mixing_ratios
 from swe_sphere.errors import ConfigError, SolverFailed
 from swe_sphere.solvers.gravity_waves import GravityWaves
 from swe_sphere.solvers.vector_space import VectorSpace
@@ -20,6 +20,8 @@ PROBE = 1e-2
 TRACER_SHARE = 0.1
 """About the Froude number of the flows here: with it the change of a tracer that the wind carries
 along weighs as much as the change of the wind, and does not drown it."""
+NOTHING = 1e-60
+"""Weights have to be positive."""
 WORTHLESS = 0.3
 """Residuals below so many round-offs of the state are worth one iteration, not two: rounding alone
 leaves as much.  With more they add up, in float32, where steps are short."""
@@ -30,7 +32,7 @@ def energy_weights(model: Model) -> NDArray[np.float64]:
 
     With them a norm is in [m s-1], and tolerances mean the same in any units and on any planet.
     The mass hq of a tracer counts as depth does, over the largest q of the start, and under a wind
-    that is stepped by `TRACER_SHARE` of that.
+    that is stepped by `TRACER_SHARE` of that; the mass that has crossed a point not at all.
     """
     share: NDArray[np.float64] = model.mesh.area / model.mesh.area.sum()
     ratios = mixing_ratios(model.scene, model.mesh).values()
@@ -39,6 +41,8 @@ def energy_weights(model: Model) -> NDArray[np.float64]:
         return np.concatenate([share, *(share / q**2 for q in largest)])
     _, _, depth = model.scene.initial(model.mesh.lon, model.mesh.lat)
     heights = share * model.scene.planet.gravity / float(np.average(depth, weights=share))
+    if isinstance(model.carried, MassFlux):
+        return np.concatenate([share, share, heights, NOTHING * share, NOTHING * share])
     tracers = (heights * (TRACER_SHARE / q) ** 2 for q in largest)
     return np.concatenate([share, share, heights, *tracers])
 

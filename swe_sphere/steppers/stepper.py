@@ -138,6 +138,8 @@ class Stepper(Trajectory, ABC):
     """Steps over which `advance` has `diffusion` join its change; None: `step` splits it off."""
     diffusion_order: ClassVar[int] = 2
     """Order of diffusion by itself; a higher one than that of the splitting gains nothing."""
+    levels: ClassVar[tuple[str, ...]] = ()
+    """Names of the arrays in `memory` that are states, the present one first; (): `state` alone."""
     holds_damping: ClassVar[bool] = False
     """Whether it holds drag and relaxation over a step, which is of first order."""
     repeats_from: ClassVar[int | None] = None
@@ -195,14 +197,15 @@ class Stepper(Trajectory, ABC):
             self.begin(self.solver.start(self.state, t, self.dt))
 
     def check_names(self) -> None:
-        """Raise ConfigError where `memory` names what is no array."""
-        if not isinstance(self.memory, tuple) or not all(
-            isinstance(getattr(self, str(name), None), wp.array) for name in self.memory
-        ):
-            raise ConfigError(
-                f"stepper {self.name}: `memory` must be a tuple of names of attributes with arrays,"
-                f" not {self.memory!r}"
-            )
+        """Raise ConfigError where `memory` or `levels` name what is no array."""
+        for names in (self.memory, self.levels):
+            if not isinstance(names, tuple) or not all(
+                isinstance(getattr(self, str(name), None), wp.array) for name in names
+            ):
+                raise ConfigError(
+                    f"stepper {self.name}: `memory` and `levels` must be tuples of names of"
+                    f" attributes with arrays, not {names!r}"
+                )
 
     def begin(self, slope: wp.array) -> None:
         """Make the first guesses of a method with a solver from the slope at the start."""

@@ -1,0 +1,113 @@
+"""Long steps of masses that a wind or a mass flux carries, fixed in time, on the device."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from swe_sphere.arrays import Array
+from swe_sphere.kernels import combine_kernel
+from swe_sphere.kernels.simd.stages import stage_struct
+from swe_sphere.kernels.tracers import crossings
+from swe_sphere.operators.device_mesh import DeviceMesh
+from swe_sphere.operators.launch import Launcher
+from swe_sphere.operators.tracers import MixingRatio, TracerTransport
+
+
+class Crossings:
+    """How fast a mass flux carries things across elements."""
+
+    def __init__(self, mesh: DeviceMesh, launch: Launcher) -> None:
+        self._mesh, self._launch, types = mesh, launch, mesh.types()
+        self._symbol = symbol(mesh.mesh.derivative, mesh.mesh.gll_weights)
+        (self._kernel,) = launch.compile(types, crossings)
+        self._geometry = mesh.geometry(types.geometry)
+        self._most = wp.zeros(mesh.groups, dtype=types.value, device=mesh.device)
+
+    def bound(self, flux: wp.array, air: wp.array) -> float:
+        """About the spectral radius [s-1], or up to a third more, of q -> div(q flux) / air."""
+        self._launch(self._kernel, self._mesh.groups, self._geometry, flux, air, self._most)
+        return self._symbol * float(self._mesh.comm.of_each(self._most.numpy().max()).max())
+
+
+class MassSteps:
+    """dm/dt = -div(m V) for `count` masses m, blocks (N,) from `first` on in states (size,)."""
+
+    def __init__(
+        self, mesh: DeviceMesh, launch: Launcher, size: int, first: int, count: int
+    ) -> None:
+        self._mesh, self._launch, self._first = mesh, launch, first
+        self._transport = TracerTransport(mesh, launch, count)
+        self._work = wp.zeros(size, dtype=mesh.real, device=mesh.device)
+        self._stages: dict[tuple[int, float], Any] = {}
+
+    def __call__(
+        self, flow: wp.array, state: wp.array, tau: float, parts: int, fractions: Sequence[float]
+    ) -> None:
+        """Step the masses of a state by tau [s] in equal parts, by a wind in front of `flow`.
+
+        In each part m_i = m_0 + fractions_i (tau / parts) dm/dt(m_(i-1)); the last fraction is 1.
+        """
+        carried, at = self._carried(state, 0.0)
+        for part in range(parts):
+            for i, fraction in enumerate(fractions):
+                out, step = self._work if i + 1 < len(fractions) else state, fraction * tau / parts
+                self._transport(flow, carried, at, out, self._first, self._stage(state, step))
+                carried, at = self._carried(out, part * tau / parts + step)
+
+    def _carried(self, state: wp.array, t: float) -> tuple[wp.array, int]:
+        """Return what the flow carries t [s] after the beginning, and its offset."""
+        return state, self._first
+
+    def _stage(self, state: wp.array, tau: float) -> Any:
+        if (state.ptr, tau) not in self._stages:
+            stage = self._stages[state.ptr, tau] = stage_struct(self._mesh.real)()
+            stage.on, stage.start, stage.tau = True, state, tau
+        return self._stages[state.ptr, tau]
+
+
+class FluxSteps(MassSteps):
+    """dm/dt = -div(q F), q = m / h, while h goes evenly to its value after the step: q = 1 stays 1.
+
+    F is a mass flux in the place of the wind, and dh/dt = -div(F); h stands from `depth` on.
+    """
+
+    def __init__(
+        self, mesh: DeviceMesh, launch: Launcher, size: int, depth: int, first: int, count: int
+    ) -> None:
+        super().__init__(mesh, launch, size, first, count)
+        self._ratio = MixingRatio(mesh, launch, count, depth, first)
+        self._air_transport = TracerTransport(mesh, launch, 1)
+        self._ones = mesh.upload(np.ones(mesh.size))
+        self._old, self._rate = (wp.zeros_like(self._ones) for _ in "or")
+        self._depth, self._add = slice(depth, depth + mesh.size), combine_kernel(mesh.real, 1)
+        launch.load(self._add)
+
+    def __call__(
+        self, flow: wp.array, state: wp.array, tau: float, parts: int, fractions: Sequence[float]
+    ) -> None:
+        wp.copy(self._old, state[self._depth])
+        self._air_transport(flow, self._ones, 0, self._rate, 0)
+        super().__call__(flow, state, tau, parts, fractions)
+
+    def _carried(self, state: wp.array, t: float) -> tuple[wp.array, int]:
+        depth = state[self._depth]
+        self._launch(self._add, depth.size, self._old, self._rate, t, depth)
+        self._ratio.set(state)
+        return self._ratio.values, 0
+
+
+def symbol(derivative: Array, weights: Array) -> float:
+    """Largest modulus of the eigenvalues of d/dxi after DSS, on equal elements of length 2.
+
+    Over all waves exp(i phase) from one element to the next.
+    """
+    last, largest = len(weights) - 1, 0.0
+    for phase in np.linspace(0.0, np.pi, 181):
+        shift = np.eye(last + 1, last, dtype=complex)
+        shift[last, 0] = np.exp(1j * phase)
+        mass = (shift.conj().T * weights) @ shift
+        matrix = np.linalg.solve(mass, shift.conj().T @ (weights[:, None] * derivative) @ shift)
+        largest = max(largest, float(np.abs(np.linalg.eigvals(matrix)).max()))
+    return largest

@@ -1,0 +1,244 @@
+"""Tracers on a step of their own: one for several steps of the flow that carries them."""
+
+import math
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from swe_sphere.equations.model import Model
+from swe_sphere.equations.spectrum import spectral_radius
+from swe_sphere.errors import ConfigError, Unstable
+from swe_sphere.kernels import combine_kernel
+from swe_sphere.operators.mass_steps import Crossings, FluxSteps, MassSteps
+from swe_sphere.operators.tracers import TracerTransport
+from swe_sphere.solvers.vector_space import VectorSpace
+from swe_sphere.steppers.split_diffusion import Diffusion
+from swe_sphere.steppers.stepper import Stepper, Trajectory
+
+FLOW = "flow_"
+"""In front of names of what the flow's stepper remembers."""
+PARTS = 2
+"""Parts that a tracer step has at the start, at most; it has more where the wind grows."""
+MARGIN = 1.1
+"""By how much the spectral radius may exceed what the one at the start makes us expect."""
+_REACH: dict[float, tuple[float, ...]] = {
+    2.8: (1 / 4, 1 / 3, 1 / 2, 1.0),
+    4.6: (0.16904917667410368, 0.13380303671748228, 1 / 4, 1 / 3, 1 / 2, 1.0),
+    6.2: (
+        0.12480976664540724, 0.07662096184186656, 0.16667480464512058, 0.17018634951480482,
+        1 / 4, 1 / 3, 1 / 2, 1.0,
+    ),
+    7.9: (
+        0.09907015380844966, 0.04926610891320422, 0.12406549675252491, 0.10608279520348493,
+        0.1659580170045138, 0.1832494363935329, 1 / 4, 1 / 3, 1 / 2, 1.0,
+    ),
+}  # fmt: skip
+"""Stages by how far they reach: the largest stable tau times the spectral radius of A.
+
+They are the f_i in m_i = m_0 + f_i tau A m_(i-1): explicit stages for waves alone, of fourth order,
+and stable for nearly as long as there are any; `benchmarks/tracer_stages.py` derives the numbers.
+"""
+LONGEST = max(_REACH)
+MOST_PARTS = 1000
+"""So many even out that a wind has grown beyond all bounds."""
+
+
+def stages_for(reach: float) -> tuple[int, tuple[float, ...]]:
+    """Into how many equal parts to divide a step of that reach, and the stages of each.
+
+    Raises Unstable for so many that no step would ever end, and for a reach that is NaN.
+    """
+    if not reach <= MOST_PARTS * LONGEST:
+        raise Unstable(
+            f"tracers would take {reach / LONGEST:.4g} parts in a step, more than {MOST_PARTS}: the"
+            " solution blows up; take a smaller dt or smaller tracer-steps"
+        )
+    parts = max(1, math.ceil(reach / LONGEST))
+    # rounded, the product may fall short of what it was divided from
+    return parts, next((f for far, f in _REACH.items() if parts * far >= reach), _REACH[LONGEST])
+
+
+def why_not(model: Model, kind: type[Stepper], adaptive: float | None = None) -> str | None:
+    """Why tracers cannot take steps of their own, if they cannot; adaptive: as in `RunConfig`."""
+    scene = model.scene
+    if adaptive is not None:
+        return "steps follow their error"
+    if not scene.tracers:
+        return f"{scene.name} has no tracers"
+    if kind.family not in ("explicit", "imex"):
+        return f"{kind.name} takes tracers along in its solves"
+    if scene.forcing is not None or any("mass" not in e.conserves for e in scene.effects):
+        return f"{scene.name} has sources of depth"
+    return None
+
+
+class TransportRate:
+    """Spectral radius [s-1] of tracer transport, from speeds across elements.
+
+    They bound it, and are too large by a part that depends on the flow: Arnoldi iteration finds it
+    at the start of the scene.
+    """
+
+    def __init__(self, model: Model) -> None:
+        mesh, state = model.device_mesh, model.initial_state()
+        self._crossings, depth = Crossings(mesh, model.launch), model.fluid_size - mesh.size
+        model.set_time(0.0)
+        wind = model.parameters.get("wind", state)
+        bound = self._crossings.bound(wind, mesh.upload(np.ones(mesh.size)))
+        transport = TracerTransport(mesh, model.launch, 1)
+
+        def carry(x: wp.array, out: wp.array) -> None:
+            transport(wind, x, depth, out, depth)
+
+        self.start = min(bound, spectral_radius(model, state, carry))
+        """At the start of the scene [s-1], from above."""
+        self._share = min(1.0, MARGIN * self.start / bound) if bound > 0.0 else 1.0
+
+    def __call__(self, flux: wp.array, air: wp.array) -> float:
+        """Return the radius [s-1] of q -> div(q flux) / air."""
+        return self._share * self._crossings.bound(flux, air)
+
+
+def tracer_limit(model: Model) -> float:
+    """The longest step [s] of tracers in the wind of the start; infinite at rest."""
+    radius = TransportRate(model).start
+    return PARTS * LONGEST / (MARGIN * radius) if radius > 0.0 else math.inf
+
+
+class TracerSteps(Trajectory, ABC):
+    """Takes `every` steps of `dt` at once, and one step of tracers over all of them.
+
+    Its state is whole, and observed, after those only.  Of second order at the most.  Diffusion of
+    tracers is split off as that of the flow is.
+    """
+
+    def __init__(self, model: Model, kind: type[Stepper], dt: float, every: int) -> None:
+        """kind: class of the stepper whose steps are of dt [s]."""
+        super().__init__(model.inviscid, dt)
+        self.name, self.order = kind.name, min(2, kind.order)  # type: ignore[misc]
+        self.every, self._length = every, every * dt
+        self.diffusion = Diffusion(model, self._length) if model.diffusive else None
+        self._rate, self._size = TransportRate(model), model.device_mesh.size
+        self.counters["tracer_stages"] = 0
+
+    def step(self) -> None:
+        diffuses_first = self.steps // self.every % 2 == 1
+        if self.diffusion and diffuses_first:
+            self.diffusion.act(self.state)
+        self._move()
+        if self.diffusion and not diffuses_first:
+            self.diffusion.act(self.state)
+        self._finish()
+        if self.model.limiter is not None:
+            self.model.limiter(self.state)
+        self.steps += self.every
+
+    @abstractmethod
+    def _move(self) -> None:
+        """Move `state` from `time` over all steps."""
+
+    def _finish(self) -> None:
+        """Take wind and depth of the flow's own stepper."""
+
+    def _carry(self, steps: MassSteps, flow: wp.array, air: wp.array, tau: float) -> None:
+        """Carry masses of `state` for tau [s] by a flow, which moves with a speed of flow / air."""
+        parts, fractions = stages_for(tau * self._rate(flow, air))
+        self.counters["tracer_stages"] += parts * len(fractions)
+        steps(flow, self.state, tau, parts, fractions)
+
+
+class CarriedTracers(TracerSteps):
+    """Tracers carried by the time-averaged mass flux of a stepper on `model.carrier`.
+
+    q = 1 stays 1 and every tracer keeps its mass.  What else changes the depth (the residual of a
+    solver, diffusion in steps of another length) takes tracers along, as in `TracerWaves`.  Raises
+    ConfigError for a stepper that does not tell the states it remembers.
+    """
+
+    def __init__(self, model: Model, scheme: Stepper, every: int) -> None:
+        scheme.check_names()
+        arrays, shape = scheme.arrays().items(), scheme.state.shape
+        others = [k for k, array in arrays if k != "state" and array.shape[-1:] == shape]
+        if others and not scheme.levels:
+            raise ConfigError(
+                f"tracer-steps: {scheme.name} remembers {', '.join(others)}: its"
+                " `levels` have to say which of them are states of times before"
+            )
+        super().__init__(model, type(scheme), scheme.dt, every)
+        self.scheme, tracers, n, first = scheme, model.tracers, self._size, model.fluid_size
+        assert tracers is not None
+        self._depth, self._crossed = slice(first - n, first), slice(first, first + 2 * n)
+        layout = model.size, first - n, first, tracers.count
+        self._steps = FluxSteps(model.device_mesh, model.launch, *layout)
+        self._nothing, self._flux = model.zeros(2 * n), model.zeros(2 * n)
+        self._add = combine_kernel(model.device_mesh.real, 1)
+        self._has_residual = model.diffusive or scheme.family == "imex"
+        if self._has_residual:
+            area = model.mesh.area
+            self._ratio, self._before = tracers.mixing_ratio(), model.zeros()
+            self._masses = [slice(i, i + n) for i in range(first, model.size, n)]
+            self._space = VectorSpace(area / area.sum(), mesh=model.device_mesh)
+            self._ones = model.device_mesh.upload(np.ones(n))
+
+    def start(self, state: wp.array, t: float = 0.0) -> None:
+        super().start(state, t)
+        flow = self.scheme.model.zeros()
+        wp.copy(flow, state, count=self._depth.stop)
+        self.scheme.start(flow, t)
+
+    def _move(self) -> None:
+        launch, scheme, size = self.model.launch, self.scheme, self._flux.size
+        now = scheme.state[self._crossed]
+        for name in (scheme.levels or ("state",))[::-1]:  # the present one becomes zero, at last
+            past = getattr(scheme, name)[self._crossed]
+            launch(self._add, size, past, now, -1.0, past)
+        for _ in range(self.every):
+            scheme.step()
+        crossed = scheme.state[self._crossed]
+        launch(self._add, size, self._nothing, crossed, 1.0 / self._length, self._flux)
+        self._carry(self._steps, self._flux, self.state[self._depth], self._length)
+
+    def _finish(self) -> None:
+        if self._has_residual:  # tracers follow it, and keep their masses
+            new, before = self.state, self._before
+            wp.copy(before, new)
+            self._ratio.set(before)
+            wp.copy(new[self._depth], self.scheme.state[self._depth])
+            self._ratio.follow(before, new)
+            for mass in self._masses:
+                self._space.match_mean(before[mass], new[mass], self._ones)
+        wp.copy(self.state, self.scheme.state, count=self._depth.stop)
+
+    def costs(self) -> dict[str, float]:
+        return self.scheme.costs() | super().costs()
+
+    def state_dict(self) -> dict[str, NDArray[Any]]:
+        flow = {f"{FLOW}{name}": array for name, array in self.scheme.state_dict().items()}
+        return super().state_dict() | flow
+
+    def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
+        super().load_state_dict(state, steps)
+        flow = {k.removeprefix(FLOW): v for k, v in state.items() if k.startswith(FLOW)}
+        self.scheme.load_state_dict(flow, steps)
+
+
+class CarriedWithDepth(TracerSteps):
+    """Depth and tracers carried by a prescribed wind, held in each of the pieces of one long step.
+
+    There is no flow then whose own steps would have to be shorter.
+    """
+
+    def __init__(self, model: Model, kind: type[Stepper], dt: float, every: int) -> None:
+        super().__init__(model, kind, dt, every)
+        mesh, masses = model.device_mesh, len(model.names)
+        self._steps = MassSteps(mesh, model.launch, model.size, 0, masses)
+        self._ones = mesh.upload(np.ones(mesh.size))
+
+    def _move(self) -> None:
+        length = self._length / PARTS
+        for piece in range(PARTS):
+            self.model.set_time(self.time + (piece + 0.5) * length)
+            self._carry(self._steps, self.model.parameters["wind"], self._ones, length)
