@@ -35,13 +35,8 @@ def tendency_kernels(t: KernelTypes, finish_of: Any = finish_rates) -> list[Any]
     if terms.diffuses:
         diffuse = node_diffusion(t) if by_node else element_diffusion(t, finish)
 
-    @kernel
-    def tendency(geo: geometry, x: vector, out: local, done: done):
-        n = 0
-        if wp.static(by_node):
-            e, n = wp.tid()
-        else:
-            e = wp.tid()
+    @func
+    def add_terms(geo: geometry, x: vector, e: int, n: int, out: local, done: done):
         if wp.static(terms.dynamics and not by_node):
             load_winds(geo, source(geo, x), x, e)
         if wp.static(terms.dynamics):
@@ -49,8 +44,19 @@ def tendency_kernels(t: KernelTypes, finish_of: Any = finish_rates) -> list[Any]
         if wp.static(terms.diffuses):
             diffuse(geo, x, e, n, out, done)
 
+    # two kernels: with a second number for a thread, Warp divides twice for each element
+    @kernel
+    def tendency_of_groups(geo: geometry, x: vector, out: local, done: done):
+        add_terms(geo, x, wp.tid(), 0, out, done)
+
+    @kernel
+    def tendency(geo: geometry, x: vector, out: local, done: done):
+        e, n = wp.tid()
+        add_terms(geo, x, e, n, out, done)
+
+    launched = tendency if by_node else tendency_of_groups
     fluxes = [flux_kernel(t)] if terms.diffuses and by_node else []
-    return [specialise(made, t) for made in (*fluxes, tendency)]
+    return [specialise(made, t) for made in (*fluxes, launched)]
 
 
 @functools.cache
@@ -63,19 +69,22 @@ def field_kernel(t: KernelTypes, formula: Formula, finish: Finish = None) -> Any
     by_node, (load_winds, sweep) = t.shape == "node", _sweep(t, formula, finish, shared=True)
 
     @kernel
+    def over_fields_of_groups(
+        geo: geometry, a: vector, x: vector, first: int, count: int, out: local, done: done
+    ):
+        e = wp.tid()
+        load_winds(geo, a, x, e)
+        for k in range(count):
+            sweep(geo, a, x, first + k * geo.size, k, e, 0, out, done)
+
+    @kernel
     def over_fields(
         geo: geometry, a: vector, x: vector, first: int, count: int, out: local, done: done
     ):
-        if wp.static(by_node):
-            e, k, n = wp.tid()
-            sweep(geo, a, x, first + k * geo.size, k, e, n, out, done)
-        else:
-            e = wp.tid()
-            load_winds(geo, a, x, e)
-            for k in range(count):
-                sweep(geo, a, x, first + k * geo.size, k, e, 0, out, done)
+        e, k, n = wp.tid()
+        sweep(geo, a, x, first + k * geo.size, k, e, n, out, done)
 
-    return specialise(over_fields, t)
+    return specialise(over_fields if by_node else over_fields_of_groups, t)
 
 
 def _sweep(
