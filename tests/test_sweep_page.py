@@ -10,16 +10,18 @@ from swe_sphere.cli.main import main
 PAGE = (Path(__file__).parents[1] / "docs" / "sweep.md").read_text()
 
 
-def test_the_example_runs(capsys):
+def test_the_example_runs(capsys, tmp_path, monkeypatch):
     """Its blocks in order, on a smaller mesh."""
     blocks = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-    assert len(blocks) == 3
+    assert len(blocks) == 4
+    monkeypatch.chdir(tmp_path)
     script = "".join(blocks).replace("ne=4, np=4, days=1, repeats=3", "ne=2, np=4, days=0.5")
     names = {}
     exec(script.replace("days=0.5", "days=0.5, repeats=1, levels=4"), names)
     assert set(names["seconds"].stepper.values) == {"rk4", "tr-bdf2", "esdirk4"}
     assert (names["limits"].sel(stepper="esdirk4") > names["limits"].sel(stepper="rk4")).item()
     assert "esdirk4" in capsys.readouterr().out
+    assert "tr-bdf2" in Path("runs.csv").read_text()
 
 
 def test_every_variable_of_the_page_is_there():
