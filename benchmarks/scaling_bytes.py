@@ -25,7 +25,7 @@ from swe_sphere.operators.sparse import slopes
 from swe_sphere.solvers.preconditioners.coarse import SWEEPS
 from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces
 
-FIELDS = {"over_elements": 3, "gradient": 2, "wind_fluxes": 1, "slope_fluxes": 1}
+FIELDS = {"tendency_of_groups": 3, "gradient": 2, "wind_fluxes": 1, "slope_fluxes": 1}
 """What kernels over elements leave for other ranks at each node on the rim: rates of change of wind
 and depth, both components of a gradient, a divergence."""
 RESTRICT = "restrict"
@@ -44,7 +44,7 @@ def launches(sim: Simulation, steps: int) -> Launches:
         for _ in range(steps):
             sim.step()
     for kernel, _, _ in made:
-        name = re.search(r"__locals__(\w+)_[0-9a-f]+$", kernel.module.name)
+        name = re.search(r"^(?:\w+__locals__)?(\w+)_[0-9a-f]+$", kernel.module.name)
         if name and name[1] in (*FIELDS, RESTRICT):
             found[f"{name[1]} {_bytes(kernel)}"] += 1
     return {kernel: calls / steps for kernel, calls in found.items()}

@@ -367,8 +367,10 @@ THREE_FILES = (
     ("kernels/terms.py", "return self.advection or self.pressure", " or self.more"),
     ("kernels/terms.py", '        "nu": (terms.diffusion, real),\n',
      '        "more": (terms.more, real),\n'),
-    ("kernels/dynamics.py", "            r += geo.gravity * h\n",
-     "        if wp.static(terms.more):\n            r += geo.more * h\n"),
+    ("kernels/dynamics.py", "            head += geo.gravity * surface(geo, node, h)\n",
+     "        if wp.static(terms.more):\n            head += geo.more * h\n"),
+    ("kernels/dynamics.py", "            head += geo.gravity * h\n",
+     "        if wp.static(terms.more):\n            head += geo.more * h\n"),
 )  # fmt: skip
 """A file, a text that stands in it once, and what is put behind that."""
 TRIED = """

@@ -54,7 +54,8 @@ def run(
     comm, said = world(), given(values, RunConfig)
     try:
         said = said if config is None else load_config(config) | said
-        ranks = convert("ranks", int | None, said.pop("ranks", None) if ranks is None else ranks)
+        in_file = said.pop("ranks", None)
+        ranks = convert("ranks", int | None, in_file if ranks is None else ranks)
         asked = make_config(said)
         if ranks is not None and not comm.shared:
             before = read_restart(asked)

@@ -11,6 +11,7 @@ import numpy as np
 from swe_sphere.equations.effects import (
     DYNAMICS,
     Drag,
+    Forcing,
     Hyperviscosity,
     Orography,
     Relaxation,
@@ -19,12 +20,12 @@ from swe_sphere.equations.effects import (
 )  # fmt: skip
 from swe_sphere.equations.scene import Array, Scalar, Scene, UnsteadyState
 from swe_sphere.errors import unknown_name
-from swe_sphere.planet import EARTH, Planet
+from swe_sphere.planet import DAY, EARTH, Planet
 from swe_sphere.settings.values import SCENE
 from swe_sphere.simulation import build
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.testcases import get_scene
-from swe_sphere.testcases.flows import at_rest, cone, distance
+from swe_sphere.testcases.flows import at_rest, cone, distance, solid_body, tilted_latitude
 from swe_sphere.testcases.harmonics import BalancedFlow, random_streamfunction
 from swe_sphere.testcases.user_scenes import made
 
@@ -92,6 +93,40 @@ def friction(linear: float, quadratic: float, time: float) -> Scene:
 
     effects = (Drag(linear, quadratic), Relaxation(time))
     return _starting(exact, EMPTY, name="friction", effects=effects, equilibrium=equilibrium)
+
+
+def driven(alpha: float = np.pi / 4.0) -> Scene:
+    """Solid-body flow that a forcing of wind and depth keeps up, all of it of first order (exact).
+
+    The planet does not rotate. With s the sine of the latitude above the equator of the flow,
+
+        h = (3000 m - 1000 m s²) (1 + t/T),
+        Fh = h(0)/T,  Fv = (u0² - 2 g 1000 m (1 + t/T)) s grad s / a,
+
+    keep the wind as it is; grad is that of the unit sphere.
+
+    Args:
+        alpha: tilt of the axis of the flow [rad].
+    """
+    speed, drop, doubling = 40.0, 1000.0, 5.0 * DAY
+
+    def exact(lon: Array, lat: Array, t: float) -> State:
+        east, north = solid_body(lon, lat, alpha)
+        return speed * east, speed * north, first(lon, lat) * (1.0 + t / doubling)
+
+    def first(lon: Array, lat: Array) -> Array:
+        depth: Array = 3000.0 - drop * tilted_latitude(lon, lat, alpha) ** 2
+        return depth
+
+    def forcing(lon: Array, lat: Array, t: float) -> State:
+        pull = speed**2 - 2.0 * EARTH.gravity * drop * (1.0 + t / doubling)
+        push = pull / EARTH.radius * tilted_latitude(lon, lat, alpha)
+        east = np.sin(alpha) * np.sin(lon)
+        north = np.sin(alpha) * np.sin(lat) * np.cos(lon) + np.cos(alpha) * np.cos(lat)
+        return push * east, push * north, first(lon, lat) / doubling
+
+    effects = (*DYNAMICS, Forcing())
+    return _starting(exact, EMPTY, name="driven", effects=effects, forcing=forcing)
 
 
 def _starting(exact: UnsteadyState, base: Scene, **values: Any) -> Scene:
@@ -317,8 +352,8 @@ def _hills(draw: np.random.Generator, height: float) -> Scalar:
 SCENES: dict[str, Callable[..., Scene]] = {
     scene.__name__.replace("_", "-"): scene
     for scene in (
-        decay, friction, homme_mountain, homme_wave, lake_over, flow_over, noisy, thin_layer, zonal,
-        random_state,
+        decay, friction, driven, homme_mountain, homme_wave, lake_over, flow_over, noisy,
+        thin_layer, zonal, random_state,
     )
 }  # fmt: skip
 """Scenes by the names in files of cases; their keyword parameters are those of the scene."""
