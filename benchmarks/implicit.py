@@ -9,14 +9,12 @@ Sections that are not run keep what was measured before (docs/implicit.json).
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import typer
 from exponential_runs import exponential, exponential_steps
 from implicit_newton import forcing, newton
 from implicit_runs import drift, race
 from implicit_solver import counts, long_steps, price, steady
-from sections import write_page
+from sections import command
 
 SECTIONS = {
     "counts": counts,
@@ -40,16 +38,7 @@ the independent spectral reference unless said.  What was tried and what was lea
 """
 
 
-def main(
-    names: Annotated[list[str] | None, typer.Argument(help="Sections; all by default.")] = None,
-    list_sections: Annotated[bool, typer.Option("--list", help="Print the sections.")] = False,
-) -> None:
-    """Run sections and rewrite the page."""
-    if list_sections:
-        typer.echo("\n".join(SECTIONS))
-    else:
-        write_page("implicit", HEAD, SECTIONS, names or ())
-
+main = command("implicit", HEAD, SECTIONS)
 
 if __name__ == "__main__":
     typer.run(main)

@@ -8,14 +8,12 @@ writes docs/off_axis.md, docs/off_axis.json and the figures of the page.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated
 
 import numpy as np
 import scipy
 import typer
-import xarray as xr
 from implicit_common import Section
-from sections import write_page
+from sections import command
 from threadpoolctl import threadpool_limits
 
 from swe_sphere import Simulation
@@ -23,8 +21,9 @@ from swe_sphere.equations.effects import EdgePenalty, hyperviscosity_default
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import RunFailed
-from swe_sphere.io.reference_solution import SHIPPED
-from swe_sphere.mesh import Interpolator, Mesh
+from swe_sphere.io.integrals import by_name
+from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases import get_scene
 
@@ -109,14 +108,14 @@ def jacobian(mesh: Mesh, scene: Scene) -> scipy.sparse.csc_array:
 def fastest(mesh: Mesh, scene: Scene, c: float = 0.0) -> tuple[complex, np.ndarray]:
     """Return the eigenvalue of the largest real part [s-1] with an edge penalty, and its vector."""
     matrix = jacobian(mesh, scene.with_effect(EdgePenalty(c)) if c else scene)
-    if len_of(matrix) <= DENSE:
+    if matrix.shape[0] <= DENSE:
         values, vectors = np.linalg.eig(matrix.toarray())
         first = int(np.argmax(values.real))
         return complex(values[first]), vectors[:, first]
     matrix = matrix.astype(complex)
     best, vector = -np.inf + 0j, np.empty(0)
     for shift in SHIFTS:
-        factors = scipy.sparse.linalg.splu(matrix - shift * scipy.sparse.eye_array(len_of(matrix)))
+        factors = scipy.sparse.linalg.splu(matrix - shift * scipy.sparse.eye_array(matrix.shape[0]))
         inverse = scipy.sparse.linalg.LinearOperator(
             matrix.shape, matvec=factors.solve, dtype=complex
         )
@@ -129,10 +128,6 @@ def fastest(mesh: Mesh, scene: Scene, c: float = 0.0) -> tuple[complex, np.ndarr
 
 
 SCENES = {alpha: get_scene("williamson2", alpha=alpha) for alpha in ANGLES}
-
-
-def len_of(matrix: scipy.sparse.csc_array) -> int:
-    return int(matrix.shape[0])
 
 
 def spectrum() -> Section:
@@ -200,7 +195,7 @@ def stretched(mesh: Mesh, factor: float) -> Mesh:
 
 
 def modes() -> Section:
-    """What the fastest modes look like."""
+    """Return frequencies and shapes of the fastest growing modes."""
     rows = []
     for ne, np_, alpha in ((3, 4, 1.0), (4, 4, 1.0), (3, 5, 1.0), (2, 6, 1.0), (3, 4, 0.0)):
         mesh = Mesh.build(ne, np_)
@@ -345,19 +340,9 @@ def against(
             return None
     except RunFailed:
         return None
-    with xr.open_dataset(SHIPPED / f"{reference}.nc") as data:
-        lat, lon = np.meshgrid(np.radians(data.lat), np.radians(data.lon), indexing="ij")
-        weights = np.abs(np.diff(np.sin(np.radians(data.lat_bnds)), axis=1))
-        weights = np.broadcast_to(weights, lat.shape).ravel()
-        at = Interpolator(sim.mesh, lon.ravel(), lat.ravel())
-        found = []
-        for ours, theirs in (
-            (sim.state.h + sim.state.b, data.surface_height), (sim.state.vorticity, data.vorticity),
-        ):  # fmt: skip
-            exact = theirs.values.ravel()
-            difference = at(ours.values.ravel()) - exact
-            found.append(float(np.sqrt((weights @ difference**2) / (weights @ exact**2))))
-    return found[0], found[1]
+    grid = OnGrid(Reference(SHIPPED / f"{reference}.nc"), sim.mesh)
+    errors = by_name(grid.errors(sim.snapshot.all_fields, "surface"))
+    return errors["l2_h"], errors["l2_vorticity"]
 
 
 def early_jet() -> Section:
@@ -388,17 +373,8 @@ SECTIONS = {
 }  # fmt: skip
 
 
-def main(
-    names: Annotated[list[str] | None, typer.Argument(help="Sections; all by default.")] = None,
-    list_sections: Annotated[bool, typer.Option("--list", help="Print the sections.")] = False,
-) -> None:
-    """Run sections and rewrite the page."""
-    if list_sections:
-        typer.echo("\n".join(SECTIONS))
-    else:
-        with threadpool_limits(1):
-            write_page("off_axis", HEAD, SECTIONS, names or ())
-
+main = command("off_axis", HEAD, SECTIONS)
 
 if __name__ == "__main__":
-    typer.run(main)
+    with threadpool_limits(1):
+        typer.run(main)

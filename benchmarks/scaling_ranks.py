@@ -1,4 +1,4 @@
-"""What ranks do in a step, as they do it: seconds, messages, bytes, sums.  Run by scaling.py."""
+"""Seconds, messages, bytes and sums of the ranks in a step.  `scaling.py` runs this script."""
 
 from __future__ import annotations
 

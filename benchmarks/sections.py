@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Annotated
 
 import typer
 import warp as wp
@@ -16,6 +17,24 @@ from rich.table import Table
 from swe_sphere.files.fingerprints import machine
 
 DOCS = Path(__file__).parents[1] / "docs"
+
+
+def command(
+    page: str, head: str, sections: Mapping[str, Callable[[], Section]]
+) -> Callable[..., None]:
+    """Return the command of a script, which measures the named sections and writes their page."""
+
+    def main(
+        names: Annotated[list[str] | None, typer.Argument(help="Sections; all by default.")] = None,
+        list_sections: Annotated[bool, typer.Option("--list", help="Print the sections.")] = False,
+    ) -> None:
+        """Run sections and rewrite the page."""
+        if list_sections:
+            typer.echo("\n".join(sections))
+        else:
+            write_page(page, head, sections, names or ())
+
+    return main
 
 
 def write_page(
