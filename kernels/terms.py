@@ -77,7 +77,7 @@ NO_TERMS = Terms()
 
 
 class KernelTypes:
-    """What kernels on element nodes are for."""
+    """Number type, np, launch shape and terms that kernels on element nodes are compiled for."""
 
     def __init__(
         self, np_: int, real: Any, shape: str, terms: Terms = NO_TERMS,
@@ -159,4 +159,4 @@ local = wp.array3d(dtype=value)
 
 
 kernel_types = functools.cache(KernelTypes)
-"""The same types each time they are requested."""
+"""Return the `KernelTypes` of these arguments; equal arguments give the same object."""

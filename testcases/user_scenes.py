@@ -102,7 +102,7 @@ def get_scene(name: str, **parameters: Parameter) -> Scene:
 
 
 def list_scenes() -> dict[str, str]:
-    """What each scene is, in a line, by name.
+    """Return a line about each scene, by name.
 
     Examples:
         >>> import swe_sphere

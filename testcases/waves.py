@@ -171,7 +171,7 @@ class TidalEquations:
 
     @property
     def _matrix(self) -> Array:
-        """What σ times (ψ, X, η) is where nothing forces; each of degrees m, m + 1, …."""
+        """Matrix of σ (ψ, X, η) without forcing; each field has the degrees m, m + 1, …."""
         n = self.m + np.arange(self.degrees)
         total, spin = self._squares[:, 0], 2.0 * self.planet.rotation
         east = np.diag(-spin * self.m / total)

@@ -160,7 +160,7 @@ def _filtered(state: State, latitudes: int, degree: int, balanced: bool) -> Stat
     wanted = slice(degree + 1), slice(degree + 1)
 
     def potential(east: Array, north: Array) -> Complex:
-        """Of which the field is the gradient, as far as it is one."""
+        """Return the potential whose gradient is nearest to the field."""
         return -EARTH.radius * inverse_laplacian(grid.against_gradients(east, north)[wanted])
 
     streamfunction, height = potential(v, -u), grid.coefficients(z)[wanted]

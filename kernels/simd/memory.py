@@ -89,7 +89,7 @@ def _load_nodes(register: Register, given: Any) -> Any:
 load_nodes: Any = Name(lambda of: _load_nodes(of, of.real))
 """(x, offset, node): the numbers of x at a register of nodes."""
 load_given: Any = Name(lambda of: _load_nodes(of.register, of.given), of_elements=True)
-"""The same from a vector of the number type `given`."""
+"""`load_nodes` from a vector of the number type `given`."""
 
 
 @functools.cache
@@ -117,4 +117,4 @@ def _gather(register: Register) -> Any:
 gather: Any = Name(_gather)
 """(local, places, first, offset): DSS of the nodes from `first` on, with their `Contributors`."""
 gather_one: Any = Name(lambda of: _gather(Register(of.real)))
-"""The same of one node."""
+"""`gather` for one node."""

@@ -66,7 +66,7 @@ def animate(
 
 
 def _against(file: Path, other: str) -> Source | Exact:
-    """What the field is compared with: a file, or the exact solution of the file's scene."""
+    """Return the source to compare with: a file, or the exact solution of the file's scene."""
     from swe_sphere.io.compare import open_source
 
     if other != "exact":

@@ -38,7 +38,7 @@ NOISE = (
 )  # fmt: skip
 """How lines of mpiexec about a process that died begin; ours says it in one."""
 PR_SET_PDEATHSIG = 1
-"""Of Linux: see prctl(2)."""
+"""Option of Linux: see prctl(2)."""
 PROCESS = 100 * 2**20
 """Memory [bytes] that a rank shares with no other, with the smallest mesh."""
 

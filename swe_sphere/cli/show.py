@@ -1,4 +1,4 @@
-"""What commands show on the terminal: tables, a line of progress, and errors in a line."""
+"""Output of commands on the terminal: tables, a line of progress, and errors in one line."""
 
 from __future__ import annotations
 

@@ -210,7 +210,7 @@ def _carried_out(plan: SweepPlan, folder: Path, quiet: bool) -> xr.Dataset:
 
 
 def _show_sweep(dataset: xr.Dataset) -> None:
-    """Who reaches which error at which cost, mesh by mesh, and how runs failed."""
+    """Print the costs at which steppers reach errors, mesh by mesh, and the runs that failed."""
     from swe_sphere.studies.report import sweep_rankings
 
     found = sweep_rankings(dataset)

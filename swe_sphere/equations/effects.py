@@ -21,7 +21,7 @@ from swe_sphere.planet import EARTH
 
 Formula = Callable[..., Any]
 Formulas = tuple[Formula | None, Formula | None]
-"""What an effect does to the wind and to the depth, None for nothing."""
+"""Rates of change of the wind and of the depth by an effect; None stands for zero."""
 
 MASSES = frozenset({"mass", "tracers"})
 """The total mass of the fluid, and those of its tracers."""
@@ -45,19 +45,19 @@ class Effect:
     """Flags that hold in all components of the right-hand side, as they say what the fields are."""
 
     constant: ClassVar[bool] = False
-    """Whether what it brings is the same for all states, so that it has no derivative."""
+    """True if the rate of change is the same for all states, so that its derivative is zero."""
 
     excludes: ClassVar[Mapping[str, str]] = {}
     """Names of effects that cannot act beside this one, and what to say then."""
 
     conserves: ClassVar[frozenset[str]] = frozenset()
-    """What the effect leaves as it is all over the globe, of `MASSES`: implicit steppers restore
-    the masses that all effects of a scene conserve, and leave the others to their solver.  (What
-    forcing brings is known: see `Model.mean_source`.)"""
+    """The `MASSES` that the effect conserves: implicit steppers restore the masses that all effects
+    of a scene conserve, and leave the others to their solver.  (The mass that forcing adds is
+    known: see `Model.mean_source`.)"""
 
     dissipation: ClassVar[bool] = False
-    """Whether the effect damps: the user may switch it on for any scene, and leapfrog schemes take
-    it at the past level."""
+    """True if the effect damps: the user may switch it on for any scene, and leapfrog schemes
+    evaluate it at the past level."""
 
     strengths: ClassVar[tuple[str, ...]] = ()
     """Parameters that must be finite and not negative; where one is zero, the effect vanishes."""
@@ -76,18 +76,18 @@ class Effect:
 
     @property
     def degree(self) -> int | None:
-        """Of the polynomial of the state that it is, but for derivatives in space; None if it is
-        none."""
+        """Degree of the rate of change as a polynomial of the state and its derivatives in space;
+        None if it is no polynomial."""
         return 1
 
     @property
     def differentiable(self) -> bool:
-        """Whether the kernels have its derivative along any change of the state."""
+        """True if the kernels have the derivative of the effect along any change of the state."""
         return True
 
     @property
     def absent(self) -> bool:
-        """Whether the parameters make the effect vanish, so that it need not be computed."""
+        """True if the parameters make the effect vanish, so that it need not be computed."""
         return any(getattr(self, name) == 0.0 for name in self.strengths)
 
     def coefficients(self, mesh: Mesh) -> Mapping[str, float | Array]:
@@ -359,7 +359,7 @@ class PointwiseEffect(Effect):
 
     @property
     def differentiable(self) -> bool:
-        """Whether each formula has its derivative."""
+        """True if each formula has its derivative."""
         pairs = zip(self.tendencies, self.derivatives, strict=True)
         return all(formula is None or derivative is not None for formula, derivative in pairs)
 
@@ -400,7 +400,7 @@ class Drag(PointwiseEffect):
 
     @property
     def derivatives(self) -> Formulas:
-        """Of either."""
+        """Derivatives of the drag of the wind; the depth has none."""
         linear, both = self._linear_derivative, self._derivative_of_both
         return linear if self.quadratic == 0.0 else both, None
 
@@ -467,7 +467,7 @@ class Relaxation(PointwiseEffect):
     @staticmethod
     @no_type_check
     def depth_tendency(c, i, u, v, h):
-        """To the equilibrium."""
+        """Return the rate at which the depth approaches its equilibrium."""
         return c.rate * (c.equilibrium[i] - h)
 
     @staticmethod

@@ -216,7 +216,7 @@ class GrowingStore(Growing):
         self._unsynced = {str(path.relative_to(self._root)) for path in self._root.rglob("*")}
 
     def add_record(self, values: Mapping[str, ArrayLike], wait: bool = True) -> None:
-        """As `GrowingFile`; without sync, readers do not find the record yet."""
+        """Append a record as `GrowingFile` does; before a sync, readers do not find the record."""
         if wait:
             self._append_samples()
         self._put(values, self.records, 1)

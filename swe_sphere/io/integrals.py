@@ -76,7 +76,7 @@ def field_errors(
 
 
 def by_name(errors: Norms) -> dict[str, float]:
-    """As l1_h, l2_h, linf_h, l1_v and so on."""
+    """Return the norms by the names l1_h, l2_h, linf_h, l1_v and so on."""
     return {f"{norm}_{name}": x for name, of in errors.items() for norm, x in of.items()}
 
 

@@ -1,4 +1,4 @@
-"""What runs are compared with: states on latitude-longitude grids, and exact solutions."""
+"""References to compare runs with: states on latitude-longitude grids, and exact solutions."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class Reference(Source):
         return self._area
 
     def nearest(self, time: float | None) -> float | None:  # type: ignore[override]
-        """As `Source`; None for a reference without a time."""
+        """Return the nearest time [s] as `Source` does; None for a reference without a time."""
         return super().nearest(time) if self.times.size else None
 
     def frame(self, time: float | None = None) -> dict[str, Array]:

@@ -116,7 +116,7 @@ class Source(ABC):
 
     @abstractmethod
     def sampler(self, lon: Array, lat: Array) -> Sampler:
-        """What takes a field (N,), or a wind, to any points lon, lat (M,) [rad]."""
+        """Return a sampler that evaluates fields (N,) and winds at points lon, lat (M,) [rad]."""
 
     def index(self, time: float | None) -> int:
         """Number of the frame at time [s], of the last one for None; ConfigError if none."""

@@ -90,7 +90,7 @@ class Communicator:
         self.rank, self.size, self.local = 0, 1, 0
         """Number of this rank, number of ranks, and number of this rank on its machine."""
         self.shared = mpi is not None
-        """Whether MPI shares the mesh between ranks, of which there may be one."""
+        """True if MPI shares the mesh between ranks, of which there may be one."""
         if mpi is None:
             return
         keep_to_one_thread()

@@ -29,7 +29,7 @@ class Observer:
     """Watches a run; a subclass defines the methods that it needs.  RunFailed ends the run."""
 
     sees_end = True
-    """Whether it observes the last state also where that is not due."""
+    """True if the observer sees the last state even where it is not due."""
 
     def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
         """Prepare: the steps of the plan are about to be taken from the state of the snapshot."""

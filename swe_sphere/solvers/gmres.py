@@ -79,7 +79,7 @@ class KrylovBasis:
         return products[:-1].copy(), float(products[-1])
 
     def _stays_orthogonal(self, square: float, rest: float) -> bool:
-        """Whether one pass, which leaves `rest` of `square`, keeps the basis orthogonal enough.
+        """Return whether one pass, which leaves `rest` of `square`, keeps the basis orthogonal.
 
         What orthogonality was lost before is amplified: the new row is off the others by
         |E c| / r + round-off |v| / r, and off length one, because of Pythagoras, by c' E c / r^2.

@@ -22,7 +22,7 @@ def get_stepper(which: str | Path | type[Stepper]) -> type[Stepper]:
 
 
 def list_steppers() -> dict[str, str]:
-    """What each stepper is, in a line, by name.
+    """Return a line about each stepper, by name.
 
     Examples:
         >>> import swe_sphere

@@ -25,7 +25,7 @@ KRYLOV_MEMORY = 2e9
 NEWTON_ITERATIONS = 12
 """A solve that needs more is cheaper in two halves of the step."""
 DIFFUSION = ("whole", "apart")
-"""Whether viscosity and hyperviscosity are part of the implicit equations, or split off."""
+"""Viscosity and hyperviscosity are part of the implicit equations, or are split off."""
 MOST_STEP_PARTS = 64
 """A step that cannot be solved is halved, and halved again, into at most this many parts."""
 

@@ -52,14 +52,14 @@ class RegimeMap:
     """Places, each a scene with its wind on a mesh, and the runs there that came to their end."""
 
     places: pd.DataFrame
-    """By name: scene, stretch, settings, diffusive (whether there is viscosity), froude (U/c: the
+    """Columns: scene, stretch, settings, diffusive (whether there is viscosity), froude (U/c: the
     largest wind over the speed of the fastest gravity waves at the start), gravity_limit [s], days,
     title (of the places that differ in their wind only, which follow each other)."""
     runs: pd.DataFrame
     """place, stepper, dt [s], steps, error (of the slow flow at the end: l2, relative) and cost
     (CPU time, on a GPU wall time [s])."""
     headers: Sequence[Header] = ()
-    """What the sweeps were asked for."""
+    """The requests of the sweeps."""
 
     def best(self, error: float) -> pd.DataFrame:
         """The cheapest step with that error of each family at each place, where a run has it.

@@ -39,7 +39,7 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "verification": {"run": {"ne": 8, "np": 4, "days": 5.0}, "bounds": {"mass_drift": 1e-13}},
     "stability": {"method": "series", "seconds": 900.0},
 }
-"""What all cases of a folder share unless a file says otherwise."""
+"""Values of all cases of a folder, unless its file says otherwise."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ class Case(BaseModel):
     report: tuple[str, ...] = ()
     note: str = ""
     is_quick: bool = True
-    """Whether the quick form has the case, with the changes in `quickly`."""
+    """True if the quick form has the case, with the changes in `quickly`."""
     quickly: dict[str, Any] = {}
 
     def configured(self, changes: Mapping[str, Any] | None = None) -> RunConfig:

@@ -1,4 +1,4 @@
-"""What a sweep says: a headline and a table, an HTML report, of recipes a page of Markdown.
+"""Results of a sweep: a headline and a table, an HTML report, and a Markdown page of a recipe.
 
 Needs nothing but the dataset of a sweep.
 """

@@ -53,7 +53,7 @@ class Section:
     """The runs of a sweep on one mesh."""
 
     title: str
-    """Of the sweep."""
+    """Title of the sweep."""
     mesh: str
     dataset: Dataset
     """The whole sweep."""
@@ -61,7 +61,7 @@ class Section:
     rankings: list[Ranking]
     """The one to rank by first."""
     figures: list[list[Diagram]]
-    """Of the error of each ranking."""
+    """Figures of the error of each ranking."""
     others: list[Diagram]
     """Figures of iterations and conservation."""
 

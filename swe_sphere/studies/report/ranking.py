@@ -38,7 +38,7 @@ TIMED_ONCE = 0.1
 LINES = ("-", "--", ":", "-.")
 """Styles of the variants of a stepper."""
 VARIANT = ("preconditioner", "precision", "device", "settings")
-"""What tells the curves of one stepper apart."""
+"""Settings that distinguish the curves of one stepper."""
 GAIN = 0.01
 """A dearer run whose error is smaller by less than this part is not on the Pareto front."""
 MOST_TARGETS = 5
@@ -48,8 +48,9 @@ FAILED = ("unstable", "solver-failed")
 """Status of runs whose scheme failed."""
 ANSWERED = {"slow": ("vorticity", "h", "v"), "total": ("h", "v", "vorticity"),
             "time": ("h", "v", "vorticity")}  # fmt: skip
-"""For each kind of error, the one to go by first, the field that steppers are ranked by: the first
-one there is. Depth does not rank where the start sheds gravity waves, which long steps damp."""
+"""Kinds of error in the order of preference, each with the fields that steppers are ranked by: the
+first available one. Depth does not rank where the initial state sheds gravity waves, which long
+steps damp."""
 BEST, TIE = "★ ", "≈ "
 """Marks of the cheapest run for a target, and of those that cannot be told from it."""
 
@@ -68,17 +69,17 @@ class Metric:
 
     @property
     def symbol(self) -> str:
-        """For example l2(h)."""
+        """Symbol of the error, such as l2(h)."""
         return f"{SYMBOLS.get(self.norm, self.norm)}({self.field})"
 
     @property
     def kind_title(self) -> str:
-        """For example "total error"."""
+        """Name of the kind of error, such as "total error"."""
         return KINDS.get(self.kind, self.kind)
 
     @property
     def label(self) -> str:
-        """For example "l2(h), total error at day 15"."""
+        """Label of an axis, such as "l2(h), total error at day 15"."""
         return f"{self.symbol}, {self.kind_title} at day {self.day:g}"
 
     @property
@@ -152,7 +153,7 @@ def _name_curves(runs: pd.DataFrame, members: pd.DataFrame) -> None:
 
 
 def metrics(runs: pd.DataFrame) -> list[Metric]:
-    """For each kind and field, in the order of the report, the l2 error at the last day known."""
+    """Return the l2 error at the last known day of each kind and field, in the order of reports."""
     compared = runs[runs["compared"]]
     known = [of for of in runs if isinstance(of, Metric) and compared[of].notna().any()]
     last = {(of.kind, of.field): of for of in sorted(known, key=lambda of: of.day)

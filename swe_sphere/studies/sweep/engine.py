@@ -183,7 +183,7 @@ class Sweep:
 
     @property
     def _searches(self) -> bool:
-        """Whether the runs of an integrator depend on one another."""
+        """True if the runs of an integrator depend on one another."""
         return self._plan.target_error is not None or self._plan.enough is not None
 
     def _parts(self) -> list[Part]:

@@ -1,4 +1,4 @@
-"""What a sweep keeps: a record of each run and of what was asked for, and the dataset of all."""
+"""Records of a sweep: one of each run and one of the request, and the dataset of all runs."""
 
 from __future__ import annotations
 
