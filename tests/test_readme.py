@@ -1,4 +1,4 @@
-"""What the README says works."""
+"""Commands and scripts of the README and of the documentation work."""
 
 import inspect
 import re
@@ -22,7 +22,11 @@ README = (ROOT / "README.md").read_text()
 EXAMPLES = re.findall(
     r"```python\n# (\w+\.py)\n(.*?)```", (ROOT / "docs" / "extending.md").read_text(), re.DOTALL
 )
-SCENE, SCRIPT = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+COMMAND_PAGE = (ROOT / "docs/commands.md").read_text()
+(SCRIPT,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+FIRST_LINES, SCENE = re.findall(
+    r"```python\n(.*?)```", (ROOT / "docs/start.md").read_text(), re.DOTALL
+)
 
 
 def test_the_scene_runs_and_stays_in_balance(tmp_path):
@@ -42,13 +46,12 @@ def test_the_script_runs(tmp_path, monkeypatch, capsys):
 
 
 def test_the_first_lines_of_python_run(capsys):
-    (script,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/start.md").read_text(), re.DOTALL)
-    exec(script, {})
+    exec(FIRST_LINES, {})
     assert 0.0 < float(capsys.readouterr().out) < 1e-3
 
 
 def test_the_configuration_file_is_valid(tmp_path):
-    block = README.split("can say all of them:\n")[1].split("* **Mesh")[0]
+    block = COMMAND_PAGE.split("(`swe-sphere run --config run.toml`):\n")[1].split("## Mesh")[0]
     (tmp_path / "run.toml").write_text(textwrap.dedent(block))
     config = make_config(load_config(tmp_path / "run.toml"))
     assert (config.ne, config.settings) == (16, (("hyperviscosity", "nu", "default"),))
