@@ -13,6 +13,7 @@ Tracers are known here by their names alone; of each the fields hold the mass hq
 the mixing ratio q_NAME (N,).
 """
 
+import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
@@ -26,8 +27,11 @@ DRIFTS = {
     "mass_drift": "mass",
     "energy_drift": "energy",
     "enstrophy_drift": "potential_enstrophy",
+    "angular_momentum_drift": "axial_angular_momentum",
 }
 """Name of each relative drift, and of the integral that drifts."""
+MOMENTA = ("angular_momentum_x", "angular_momentum_y", "angular_momentum_z")
+"""Components of the angular momentum, which as a vector is the scale of its drift."""
 
 
 def area_mean(area: Array, values: Array) -> float:
@@ -98,6 +102,7 @@ def integrals(
         mass                 I(h) [m]
         energy               I(h |V|^2 / 2 + g ((h + b)^2 - b^2) / 2) [m3 s-2]
         potential_enstrophy  I((vorticity + f)^2 / (2 h)) [m-1 s-2]; NaN where a depth is not > 0
+        angular_momentum_x, _y, _z, axial_angular_momentum   see `angular_momentum` [m3 s-1]
         total_vorticity, total_divergence   I(vorticity), I(divergence) [s-1]
         max_wind             largest wind speed [m s-1]
         min_depth            least depth [m]
@@ -113,6 +118,7 @@ def integrals(
         "mass": area_mean(mesh.area, h),
         "energy": area_mean(mesh.area, energy),
         "potential_enstrophy": area_mean(mesh.area, enstrophy),
+        **angular_momentum(mesh, u, v, h, f),
         "total_vorticity": area_mean(mesh.area, np.broadcast_to(vorticity, h.shape)),
         "total_divergence": area_mean(mesh.area, np.broadcast_to(divergence, h.shape)),
         "max_wind": float(speed.max()),
@@ -122,10 +128,40 @@ def integrals(
     }
 
 
+def angular_momentum(
+    mesh: Mesh, u: Array, v: Array, h: Array, f: Array | float
+) -> dict[str, float]:
+    """Return the absolute angular momentum I(h r × (V + Ω × r)) over the density [m3 s-1].
+
+    u, v, h, f: as in `integrals`.  The components are those along the axes of the rotating frame:
+    x to 0°E and y to 90°E on the equator, z to the North Pole.  Ω is the rotation whose Coriolis
+    parameter f is, the nearest one in least squares.  The component along Ω, or along z where there
+    is no rotation, is the axial one: the continuous equations conserve it over a bottom that is
+    symmetric about the axis.
+    """
+    a = mesh.radius
+    east, north, axes = (np.ascontiguousarray(x.T) for x in (mesh.east, mesh.north, mesh.xyz))
+    # einsum adds in one order, whatever the number of threads
+    weighted = mesh.area * axes
+    moments = np.einsum("in,n->i", weighted, 0.5 * np.broadcast_to(f, h.shape))
+    rotation = np.linalg.solve(np.einsum("in,jn->ij", weighted, axes), moments)
+    eastward = a * h * (u + a * np.einsum("i,in->n", rotation, north))
+    northward = a * h * (v - a * np.einsum("i,in->n", rotation, east))
+    total = [area_mean(mesh.area, x) for x in eastward * north - northward * east]
+    speed = float(np.linalg.norm(rotation))
+    axis = rotation / speed if speed > 0.0 else (0.0, 0.0, 1.0)
+    axial = float(sum(x * y for x, y in zip(total, axis, strict=True)))
+    return dict(zip((*MOMENTA, "axial_angular_momentum"), (*total, axial), strict=True))
+
+
 def drifts(start: Mapping[str, float], now: Mapping[str, float]) -> dict[str, float]:
-    """Return the relative changes (X - X0) / X0 of integrals; NaN where X0 is zero or NaN."""
+    """Return the relative changes (X - X0) / X0 of integrals; NaN where X0 is zero or NaN.
+
+    That of the axial angular momentum is relative to the length of the vector.
+    """
+    scales = {**start, "axial_angular_momentum": math.hypot(*(start[name] for name in MOMENTA))}
     return {
-        name: (now[key] - start[key]) / start[key] if start[key] else float("nan")
+        name: (now[key] - start[key]) / scales[key] if scales[key] else float("nan")
         for name, key in DRIFTS.items()
     }
 

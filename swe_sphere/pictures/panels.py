@@ -25,6 +25,7 @@ CONSERVED = {
     "mass_drift": "mass",
     "energy_drift": "energy",
     "enstrophy_drift": "potential enstrophy",
+    "angular_momentum_drift": "angular momentum",
 }
 ROUND_OFF = 2.0**-53
 """Relative drifts below this, zero among them, are drawn here."""

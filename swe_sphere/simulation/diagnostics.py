@@ -17,6 +17,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.files.user_file import guarded, load_file
 from swe_sphere.io.integrals import (
+    MOMENTA,
     Norms,
     area_mean,
     by_name,
@@ -165,6 +166,7 @@ def slow_errors(model: Model, ours: Fields, theirs: Fields) -> Norms:
 
 OF_FREE_WINDS = (
     "energy", "potential_enstrophy", "energy_drift", "enstrophy_drift", "courant_gravity",
+    *MOMENTA, "axial_angular_momentum", "angular_momentum_drift",
 )  # fmt: skip
 """Numbers that are left out where the wind is prescribed: the scene changes them, not the model."""
 

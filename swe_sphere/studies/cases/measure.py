@@ -182,7 +182,9 @@ def _errors_against(sim: Simulation, case: Case) -> dict[str, float]:
 
 SAMPLES = 120
 """About how many samples of a run are taken."""
-DRIFTS = ("mass_drift", "energy_drift", "enstrophy_drift", "total_vorticity")
+DRIFTS = (
+    "mass_drift", "energy_drift", "enstrophy_drift", "angular_momentum_drift", "total_vorticity",
+)  # fmt: skip
 ENDS = ("l2_h", "l2_v", "linf_h", "off_wave", "off_mirror")
 """Numbers of which the last sample counts."""
 
