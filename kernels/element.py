@@ -1,4 +1,4 @@
-"""One thread a group of elements: the launch shape for CPUs.
+"""Kernels with one thread for each group of elements, the launch shape for CPUs.
 
 Each SIMD lane holds one element, so that every product of the tensor derivative is one instruction
 for `lanes` elements; the work arrays of a group stay in the first-level cache.

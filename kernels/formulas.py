@@ -1,4 +1,4 @@
-"""What an operator on elements consists of at a point, for both launch shapes.
+"""Operators on elements, given by their formulas at a point for both launch shapes.
 
 The launch shapes call the functions here with plain numbers (one thread a node) or with SIMD
 registers that hold one node of several elements (one thread a group of elements).

@@ -1,4 +1,4 @@
-"""One thread an element node: the launch shape for GPUs.
+"""Kernels with one thread for each element node, the launch shape for GPUs.
 
 Each thread computes what is differentiated at its own node, and sums up what the threads of its
 element have along the two lines of nodes through it.  A weak Laplacian needs two nested line sums:

@@ -50,7 +50,7 @@ class Pointwise:
 
     @property
     def needs_base(self) -> bool:
-        """Whether there are derivatives that have to know the state they are taken at."""
+        """True if there are derivatives that depend on the state at which they are taken."""
         return self.tangent and bool(self.terms)
 
 

@@ -1,4 +1,4 @@
-"""What a kernel is compiled for: the terms, and the arrays and types that these terms need.
+"""Terms that a kernel is compiled for, and the arrays and types that these terms need.
 
 A term that is not declared here adds no array, no load and no branch to the generated code.
 """
@@ -64,7 +64,7 @@ class Terms:
 
     @property
     def gradient(self) -> bool:
-        """Whether the gradient of a Bernoulli function drives the wind."""
+        """True if the gradient of a Bernoulli function drives the wind."""
         return self.advection or self.pressure
 
     @property

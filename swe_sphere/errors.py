@@ -1,4 +1,4 @@
-"""What can go wrong in a way the user can mend: one line each, no traceback."""
+"""Errors that a user can correct: each is printed as one line without traceback."""
 
 import difflib
 import reprlib

@@ -48,7 +48,7 @@ Whole = Annotated[int, Field(gt=0)]
 
 
 class _File(BaseModel):
-    """What may stand in the file."""
+    """Schema of the file."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
@@ -64,7 +64,7 @@ class _File(BaseModel):
 
 
 def is_scene_file(name: str) -> bool:
-    """Whether the name of a scene is that of a file."""
+    """Return whether the name of a scene is the path of a file."""
     return is_user_file(name) or name.endswith(".toml")
 
 

@@ -80,7 +80,7 @@ def open_run(path: str | os.PathLike[str], chunks: Mapping[str, int] | None = No
 
 @xr.register_dataset_accessor("swe")  # type: ignore[no-untyped-call]
 class Analysis:
-    """What can be made of the fields (time, node) of a run, or of one of its frames (node).
+    """Analysis of the fields (time, node) of a run, or of one of its frames (node).
 
     Fields on other grids, potential vorticity, streamfunction and spectra are computed when they
     are asked for where the dataset is of dask arrays (`open_run(path, chunks={"time": 1})`), frame
@@ -118,7 +118,7 @@ class Analysis:
         return mesh
 
     def to_latlon(self, rows: int = 181, columns: int = 360) -> xr.Dataset:
-        """All fields on evenly spaced latitudes and longitudes: (..., lat, lon).
+        """Return all fields on evenly spaced latitudes and longitudes: (..., lat, lon).
 
         The values are those of the polynomials in the elements at the points.
         An odd number of rows has a row on each pole.
@@ -126,11 +126,11 @@ class Analysis:
         return self.to_grid(lat_lon(rows, columns))
 
     def to_gaussian(self, n: int) -> xr.Dataset:
-        """All fields on the 2n Gauss latitudes and 4n longitudes; see `to_latlon`."""
+        """Return all fields on 2n Gauss latitudes and 4n longitudes; see `to_latlon`."""
         return self.to_grid(gaussian(n))
 
     def to_grid(self, grid: Grid) -> xr.Dataset:
-        """All fields on a grid of `swe_sphere.analysis.regrid`; see `to_latlon`."""
+        """Return all fields on a grid of `swe_sphere.analysis.regrid`; see `to_latlon`."""
         return on_grid(self._data, Interpolator(self.mesh, *grid.points), grid)
 
     def zonal_mean(self, rows: int = 181) -> xr.Dataset:

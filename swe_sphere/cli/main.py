@@ -21,7 +21,7 @@ COMMANDS = {
     "compare": "files:compare", "regrid": "files:regrid",
     "verify": "studies:verify", "stress": "studies:stress", "ensemble": "studies:ensemble",
 }  # fmt: skip
-"""Where each command is: a module of this package, and a function in it."""
+"""Module of this package and function in it, for each command."""
 
 
 def program(names: Iterable[str] = COMMANDS) -> typer.Typer:

@@ -24,7 +24,7 @@ METAVARS = {
     "projection": "NAME", "centre": "LON|LON,LAT", "region": "W,E,S,N", "limits": "LOW,HIGH",
     "colours": "NAME",
 }  # fmt: skip
-"""What a flag takes, where its type does not say it."""
+"""Placeholders of the values of flags in the help, where the type is not enough."""
 
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one line of JSON.")]

@@ -1,1 +1,1 @@
-"""What is solved: the effects, the scenes and the right-hand side."""
+"""The equations: effects, scenes and the right-hand side."""

@@ -145,7 +145,7 @@ class PrescribedFields:
         if there is one; steady: once is enough."""
         self._on, self._formula, self._target, self._blocks = on, formula, target, blocks
         self.steady = steady or target is None
-        """Whether they are the same at all times."""
+        """True if the fields are the same at all times."""
         self._time: float | None = None
         self.mean_of_depth = 0.0
         """Mean over the sphere of what is prescribed for the depth."""

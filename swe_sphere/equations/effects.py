@@ -29,7 +29,7 @@ MASSES = frozenset({"mass", "tracers"})
 
 @dataclass(frozen=True)
 class Effect:
-    """One thing that acts on the fluid; the fields of a subclass are its parameters."""
+    """Base of all effects; the fields of a subclass are its parameters."""
 
     name: ClassVar[str]
     """The name used on the command line and in files."""

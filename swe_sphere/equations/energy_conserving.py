@@ -45,7 +45,7 @@ class PoissonTendency:
 
     @staticmethod
     def fits(model: Model) -> bool:
-        """Whether the scene has the energy that this form keeps."""
+        """Return whether the scene has the energy that this form conserves."""
         others = [e for e in model.scene.effects if isinstance(e, PointwiseEffect)]
         if model.scene.base is not None or not all(e.dissipation for e in others):
             return False

@@ -21,7 +21,7 @@ class FastWaves:
         self._model, mesh = model, model.device_mesh
         n = mesh.size
         self.state = model.zeros()
-        """What is moved on: wind and depth, and what the model carries behind them."""
+        """State that is stepped: wind and depth, then tracers or mass flux."""
         self._winds, self._depth = 2 * n, self.state[2 * n : 3 * n]
         types, self._carries = mesh.types(), int(model.carried is not None)
         self._transport, self._slope = kernels = [

@@ -58,7 +58,7 @@ class Model(DiscreteScene):
         """Let states have tracers behind wind and depth, or the flux of mass that carries them."""
         self.tracers: TracerEquations | None = None
         self.carried: TracerEquations | MassFlux | None = None
-        """What a state carries behind wind and depth."""
+        """Fields of a state behind wind and depth: tracer masses or the mass flux."""
         if flux:
             self.carried = MassFlux(self)
         elif self.scene.tracers:
@@ -71,7 +71,7 @@ class Model(DiscreteScene):
 
     @cached_property
     def limiter(self) -> Limiter | None:
-        """What steppers have to apply to the state after every step, if anything."""
+        """Limiter that steppers apply to the state after every step, or None."""
         return None if self.tracers is None else self.tracers.limiter()
 
     @property
@@ -81,12 +81,12 @@ class Model(DiscreteScene):
 
     @property
     def dissipative(self) -> bool:
-        """Whether the scene has an effect that damps."""
+        """True if the scene has an effect that damps."""
         return any(effect.dissipation for effect in self.scene.effects)
 
     @property
     def diffusive(self) -> bool:
-        """Whether the scene has viscosity or hyperviscosity."""
+        """True if the scene has viscosity or hyperviscosity."""
         return any(effect.diffuses for effect in self.scene.effects)
 
     def damping(self, squares: Array) -> Array:
@@ -245,7 +245,7 @@ class Model(DiscreteScene):
         return spectral_radius(self, state, operator, "dissipative")
 
     def point_of_tangent(self, state: wp.array) -> wp.array:
-        """Where the Jacobian is taken: at the state, but of linearised dynamics at their base."""
+        """Return the state at which the Jacobian is taken: the base of linearised dynamics."""
         return self.parameters.get("base", state)
 
     def mean_source(self, t: float) -> float:

@@ -88,7 +88,7 @@ class Passes:
         model.launch.load(*(kernel for kernel in wanted if kernel is not None))
 
     def weights(self, *numbers: float) -> Any:
-        """Those of three time levels, as the passes take them."""
+        """Return the weights of three time levels in the form that the passes take."""
         return wp.types.vector(3, self._real)(*numbers)
 
     def damp(self, state: wp.array) -> None:
@@ -143,7 +143,7 @@ class Passes:
             sum_wind(self._node_geometry, mesh.places(2), mesh.lanes, self._local_wind.flat, step)
 
     def _step_of(self, tau: float, levels: Levels, out: wp.array, weights: Any, mixes: Any) -> Any:
-        """Those arguments of a pass as its kernels take them, the same ones for the same."""
+        """Return the arguments of kernels of a pass; equal arguments give the same object."""
         key = (tau, *(x.ptr for x in (*levels, out)), *weights, *mixes)
         if key not in self._steps:
             if len(self._steps) >= REMEMBERED:

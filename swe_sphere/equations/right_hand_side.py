@@ -115,7 +115,7 @@ def fluid_operations(
 
 
 def needs_base(model: DiscreteScene) -> bool:
-    """Whether the tangent depends on the state at which it is taken."""
+    """True if the tangent depends on the state at which it is taken."""
     terms = element_terms(model.scene, "tangent")
     point = pointwise_terms(model.scene, "tangent", model.parameters)
     return "base" not in model.parameters and (terms.gradient or point.needs_base)

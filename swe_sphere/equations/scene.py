@@ -56,7 +56,7 @@ FIELDS = ("bottom", "coriolis", "equilibrium")
 
 @dataclass(frozen=True)
 class Scene:
-    """One test case: where it starts, what acts, and what is known of the answer.
+    """A test case: its initial state, its effects, and its exact solution where one is known.
 
     All functions take arrays of equal shape and return arrays of that shape, or numbers, which hold
     everywhere. They must be finite everywhere (NaN of the exact ones says that nothing is known);
@@ -138,13 +138,13 @@ class Scene:
 
     @property
     def autonomous(self) -> bool:
-        """Whether the tendency depends on the state alone and not on time."""
+        """True if the tendency depends on the state alone and not on time."""
         steady_wind = self.wind is None or self.steady_wind
         return steady_wind and (self.forcing is None or self.steady_forcing)
 
     @property
     def linear(self) -> bool:
-        """Whether the tendency is linear in the state, but for a constant."""
+        """True if the tendency is linear in the state, apart from a constant."""
         if self.base is not None:
             return True
         return self.wind is not None and all(effect.degree == 1 for effect in self.effects)

@@ -17,7 +17,7 @@ RETURNS: Mapping[str, tuple[str, ...]] = {
     "initial": STATE, "exact": STATE, "base": STATE, "forcing": RATES, "wind": WIND,
     "bottom": (), "coriolis": (), "equilibrium": (),
 }  # fmt: skip
-"""What the functions of a scene return by their names: a tuple of fields, or one field."""
+"""Return values of the functions of a scene, by name: a tuple of fields, or one field."""
 
 LARGEST = 1e30
 """Larger numbers are refused: powers of them do not fit into a float64."""
@@ -63,9 +63,9 @@ class _Function:
     label: str
     function: Callable[..., Any]
     names: tuple[str, ...] = ()
-    """Of the fields that it returns; empty: just one."""
+    """Names of the returned fields; empty for a single field."""
     may_be_nan: bool = False
-    """Whether NaN stands for what is not known."""
+    """True if NaN may stand for unknown values."""
     by_name: bool = False
     """True if the function returns fields by name, some or all of them, instead of a tuple."""
 

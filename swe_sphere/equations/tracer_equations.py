@@ -1,4 +1,4 @@
-"""What a state carries behind wind and depth: the masses hq of tracers, or the flux of mass."""
+"""Fields of a state behind wind and depth: tracer masses hq, or the mass flux."""
 
 from functools import partial
 from typing import Any

@@ -1,4 +1,4 @@
-"""Where numbers come from: a short hash of the code, processor and versions of the machine."""
+"""Fingerprints of results: short hashes of code, processor and library versions."""
 
 import hashlib
 import json
@@ -31,9 +31,9 @@ STRINGS_AND_COMMENTS = r"""
 """Regular expression for formatted sources, where a docstring begins and ends a line."""
 TEXT = re.compile(STRINGS_AND_COMMENTS, re.MULTILINE | re.VERBOSE)
 SCENE_FILE = "the scene's file"
-"""What the file that holds the scene is called among the sources of a run."""
+"""Key of the file of the scene among the sources of a run."""
 LIBRARIES = ("warp-lang", "numpy", "scipy")
-"""What else the numbers go through."""
+"""Libraries whose versions affect the numbers."""
 
 
 def fingerprint(values: object) -> str:

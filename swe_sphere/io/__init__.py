@@ -1,1 +1,1 @@
-"""What comes out of a run: files, checkpoints, error norms, comparisons."""
+"""Output of a run: files, checkpoints, error norms, comparisons."""

@@ -24,7 +24,7 @@ HEADER = "header"
 ARRAYS = "arrays"
 """Says in the header which arrays there are, as the check sums are those of each alone."""
 ARRAY = "array:"
-"""What their names begin with in the file."""
+"""Prefix of the names of arrays in the file."""
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ class Checkpoint:
     steps: int
     stepper: str
     attributes: dict[str, Any]
-    """Those of the file of frames, among them its run_id."""
+    """Attributes of the file of frames, including its run_id."""
 
 
 def checkpoint_path(path: Path) -> Path:
-    """Where the checkpoint lies that belongs to a file of frames."""
+    """Return the path of the checkpoint of a file of frames."""
     return path.with_name(f"{path.name}.restart")
 
 
@@ -64,7 +64,7 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
 
 
 def is_checkpoint(path: Path) -> bool:
-    """Whether a file is one that `write_checkpoint` has made."""
+    """Return whether `write_checkpoint` has written a file."""
     if not (path.is_file() and zipfile.is_zipfile(path)):
         return False
     with zipfile.ZipFile(path) as archive:

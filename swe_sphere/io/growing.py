@@ -172,7 +172,7 @@ class GrowingFile(Growing):
         os.fsync(self._descriptor)
 
     def check(self, path: Path) -> None:
-        """As `Growing`, also for a file that is cut short or changed."""
+        """Raise the errors of `Growing`, also for a file that is truncated or changed."""
         super().check(path)
         if self._in_place and (
             os.fstat(self._descriptor).st_size < self._end

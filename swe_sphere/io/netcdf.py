@@ -92,7 +92,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         about = {**attributes, "run_id": uuid.uuid4().hex, **kept, "history": line}
         self._attributes = plain(about)
         self.run_id = str(about["run_id"])
-        """That of the earlier run where that is resumed."""
+        """Identifier of the run; a resumed run keeps that of the earlier one."""
         self._series: tuple[str, ...] = ()
         size += (LAYOUT_BYTES + 8 * len(self._fields)) * mesh.size
         place = self.path.resolve() if self.path.is_symlink() else self.path

@@ -28,7 +28,7 @@ RENAMED = {"surface_height": "surface"}
 ON_GRID = ("lat", "lon"), ("time", "lat", "lon")
 
 SHIPPED = Path(__file__).parents[1] / "data"
-"""Where the references lie that come with the package; each says in its attributes what it is."""
+"""Folder of the reference solutions in the package; attributes of each file describe it."""
 
 
 def shipped_reference(scene: str, days: float) -> Path | None:

@@ -215,7 +215,7 @@ class RunFile(Nodal):
 
 @dataclass
 class Frame(Nodal):
-    """One state at the nodes of a mesh: fields (N,), b among them, at a time [s]."""
+    """State at the nodes of a mesh at a time [s]: fields (N,), including the bottom b."""
 
     mesh: Mesh
     fields: dict[str, Array]

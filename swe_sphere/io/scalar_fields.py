@@ -16,7 +16,7 @@ from swe_sphere.mesh import Interpolator, Mesh
 
 @dataclass(frozen=True)
 class Field:
-    """What to call a field, its units, its colour map of cmcrameri, and how to draw it."""
+    """Title, units, colour map of cmcrameri and drawing options of a field."""
 
     title: str
     units: str

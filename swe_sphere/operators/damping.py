@@ -1,4 +1,4 @@
-"""What implicit diffusion leaves of the modes of each element.
+"""Damping factor of implicit diffusion, applied to the modes of each element.
 
 (I + tau D)^-1 for effects that damp waves of wavenumber k at a rate D(k), element by element: in
 the eigenfunctions of the weak Laplacian of an element without flux through its boundary, that of
@@ -52,7 +52,7 @@ class Damping:
         self._first, self._east, self._north = (mesh.local(1, dtype) for _ in range(3))
         self._second = mesh.unshared(1, dtype)
         self.state = wp.zeros(3 * mesh.size, dtype=given, device=mesh.device)
-        """That of the last call of `damp_wind`."""
+        """State of the last call of `damp_wind`."""
 
     def configure(self, tau: float) -> None:
         """Set the implicit step [s]."""

@@ -261,7 +261,7 @@ class DeviceMesh:
         return Rim(self.groups, self.part.away // self.lanes)
 
     def _positions(self, entries: NDArray[Any], width: int) -> NDArray[np.int64]:
-        """Where element nodes (element np^2 + point) begin, in rows of that many numbers.
+        """Return the offsets of element nodes (element np^2 + point) in rows of that length.
 
         Those that are received, -1 - k, stand behind the empty group.
         """
@@ -356,7 +356,7 @@ class DeviceMesh:
         return joined.reshape(*values.shape[:-1], -1)
 
     def matches(self, values: NDArray[Any], vector: wp.array) -> bool:
-        """Whether fields (..., k N) of the whole mesh fit the vector (..., k n)."""
+        """Return whether fields (..., k N) of the whole mesh fit the vector (..., k n)."""
         sizes = values.size * self.size, vector.size * self.mesh.size
         return bool(values.shape[:-1] == vector.shape[:-1] and sizes[0] == sizes[1])
 

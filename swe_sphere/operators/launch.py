@@ -45,7 +45,7 @@ class Launcher:
         self.compile_seconds = 0.0
         """Wall time spent compiling or loading kernels [s]."""
         self.records = True
-        """Whether launches that repeat are recorded, to be made as a whole, see `Replay`."""
+        """True if repeated launches are recorded and launched as a whole, see `Replay`."""
         self._block_dim = 1 if wp.get_device(device).is_cpu else block_threads(nodes)
         # with the arguments, so that no other array or structure takes a remembered place in memory
         self._commands: dict[tuple[object, ...], tuple[Any, tuple[Any, ...]]] = {}
@@ -72,7 +72,7 @@ class Launcher:
         return made
 
     def _is_cached(self, module: Any) -> bool:
-        """Whether Warp has compiled the module before, for this processor or GPU."""
+        """Return whether Warp has already compiled the module for this processor or GPU."""
         place = Path(wp.config.kernel_cache_dir, module.get_module_identifier(self._block_dim))
         if warp_internals() is not None:  # else for any
             device, block_dim = wp.get_device(self.device), self._block_dim
@@ -152,7 +152,7 @@ def keep_headers() -> None:
 
 
 def _identity(argument: Any) -> object:
-    """What tells one recorded argument from another: the address of an array, else the value."""
+    """Return the key of a recorded argument: the address of an array, otherwise the value."""
     if isinstance(argument, wp.array):
         return argument.ptr
     return argument if isinstance(argument, int | float) else id(argument)

@@ -10,7 +10,7 @@ import warp as wp
 from swe_sphere.operators.launch import REMEMBERED, Launcher
 
 Pieces = list[Callable[[], None]]
-"""What is launched one after the other: graphs of launches, and host functions between them."""
+"""Sequence of graphs of launches, with host functions between them."""
 
 
 class Replay:

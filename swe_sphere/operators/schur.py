@@ -73,7 +73,7 @@ class SchurOperator:
             wp.zeros(self.size, dtype=mesh.real, device=mesh.device) for _ in range(3)
         )
         self.damping = None if damping is None else Damping(mesh, launch, damping, given)
-        """What implicit diffusion leaves of a wave, if there is any."""
+        """Damping factor of implicit diffusion, if there is any."""
         self._gradient, self._wind_fluxes, self._slope_fluxes, *others = launch.compile(
             types, helmholtz.gradient, helmholtz.wind_fluxes, helmholtz.slope_fluxes,
             helmholtz.eliminated, helmholtz.chebyshev, helmholtz.substituted,
@@ -165,7 +165,7 @@ class SchurOperator:
         self._smooth(sign, coefficients, r, d, x)
 
     def chebyshev_start(self, coefficients: Step, r: Field, d: Field, x: Field) -> None:
-        """That step from d = x = 0, whatever they hold, without a product."""
+        """Take a Chebyshev step from d = x = 0, whatever they contain, without a product with S."""
         for zero in (self._local, d, x):
             zero.values.zero_()
         self._smooth(-1.0, coefficients, r, d, x)

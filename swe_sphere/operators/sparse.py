@@ -155,7 +155,7 @@ def column_squares(mesh: Mesh, weight: Array) -> Array:
 
 
 def _across(mesh: Mesh, direction: int) -> Lines:
-    """All lines of the elements (E, np, np) in that direction, not yet added up."""
+    """Return all lines of the elements (E, np, np) in that direction, before summation."""
     b, weights = mesh.basis, mesh.quadrature
     if direction == 2:
         return mesh.nodes, weights * np.stack([-b[..., 0, 1], b[..., 0, 0]])

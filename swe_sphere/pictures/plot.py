@@ -87,7 +87,7 @@ def new_figure() -> Figure:
 
 
 def default_field(source: Source) -> str:
-    """What a source shows unless it is told."""
+    """Return the field that a source shows by default."""
     flat = isinstance(source, Nodal) and not source.bottom.any()
     return str(source.attributes.get("plot_field", "h" if flat else "surface"))
 

@@ -198,7 +198,7 @@ def check_memory(config: RunConfig, scene: Scene, ne: int, np: int) -> None:
 
 
 EXPECTED = b"Could not find or load the NVIDIA CUDA driver"
-"""What Warp's native library writes to stderr on every machine without a GPU."""
+"""Messages that Warp's native library writes to stderr on every machine without a GPU."""
 
 
 def start_warp() -> None:

@@ -87,7 +87,7 @@ Count = Annotated[
 
 
 class SharedConfig(BaseModel):
-    """What all runs of a study share: how the mesh is refined and turned, and the machine."""
+    """Settings that all runs of a study share: refined and rotated mesh, machine."""
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
@@ -104,7 +104,7 @@ class SharedConfig(BaseModel):
     alpha: Number | None = None
     """Scene parameter alpha: angle between the flow and the equator [rad]."""
     device: str = "cpu"
-    """Where to run."""
+    """Device to run on."""
     launch: Literal["element", "node"] | None = None
     """Shape of kernel launches: a thread for each element or for each node."""
     tracer_steps: Count = 1
@@ -124,9 +124,9 @@ class RunConfig(SharedConfig):
     stepper: str = "rk4"
     """Time integrator, by name, or a .py file with one."""
     preconditioner: str | None = None
-    """Of an implicit stepper's solves, by name, or a .py file with one."""
+    """Preconditioner of an implicit stepper, by name, or a .py file with one."""
     tolerance: Annotated[Number, Field(ge=0.0, lt=1.0)] | None = None
-    """Of an implicit or exponential stepper's solves, relative to the change over a step."""
+    """Solver tolerance of implicit and exponential steppers, relative to a step's change."""
     dt: TimeStep = "auto"
     """Time step [s]. auto (the default): a safe part of the stability limit. For implicit steppers
     advective Courant number 2 and an hour at most, for exponential ones 0.15 to 0.5 and three

@@ -82,7 +82,7 @@ class Snapshot:
 
     @property
     def diagnostics(self) -> Numbers:
-        """All numbers: integrals, drifts, Courant numbers, errors, user-defined diagnostics.
+        """Return all numbers: integrals, drifts, Courant numbers, errors, user-defined diagnostics.
 
         Raises RunFailed where a user-defined diagnostic fails.
         """

@@ -1,4 +1,4 @@
-"""What watches a run while it is stepped: checks, frames and series, progress, callbacks, pictures.
+"""Observers of a run: checks, frames and series, progress, callbacks, pictures.
 
 All of them are an `Observer`, which sees snapshots of the state and changes nothing.
 """
@@ -148,7 +148,7 @@ class Recorder(Observer):
             raise
 
     def due(self, step: int) -> bool:
-        """At frames, and in between about `SAMPLES` times a run."""
+        """Return whether a sample is due: at frames, and about `SAMPLES` times a run in between."""
         return self.plan.is_frame(step) or step % self.plan.interval(SAMPLES) == 0
 
     def observe(self, snapshot: Snapshot) -> None:

@@ -1,4 +1,4 @@
-"""Where a run writes, how it resumes from an earlier one bit for bit, and what identifies it."""
+"""Output file of a run, exact resumption of an earlier run, and identity of a run."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ INHERITED = RunConfig.model_fields.keys() - {
 
 
 def appends(config: RunConfig) -> bool:
-    """Whether the run continues the file of frames that it resumes from."""
+    """True if the run appends to the file of frames that it resumes from."""
     out = config.out
     if out is None or config.overwrite or not out.exists():
         return False

@@ -141,7 +141,7 @@ class Simulation:
         self.scene = build.make_scene(config, scene if isinstance(scene, Scene) else None, added)
         self.mesh = build.make_mesh(config, self.scene, mesh)
         self.identity = identity(config, self.scene, self.mesh)
-        """All that a run must share with this one to resume it."""
+        """Settings that a run must share with this one to resume it."""
         if self._restart is not None:
             self._restart.check(self.identity)
         self._build()
@@ -221,7 +221,7 @@ class Simulation:
 
     @property
     def start(self) -> Fields:
-        """All fields of the initial state of the scene, each (N,)."""
+        """Return all fields of the initial state of the scene, each (N,)."""
         return Snapshot(self.model, self.model.initial_state(), 0.0).all_fields
 
     def stable_dt(self) -> float:
@@ -473,7 +473,7 @@ class Simulation:
 
     @property
     def diagnostics(self) -> Numbers:
-        """All numbers of the state: integrals, drifts, Courant numbers, errors, user-defined ones.
+        """Return all numbers of the state: integrals, drifts, Courant numbers, errors, and others.
 
         Raises RunFailed where a user-defined diagnostic fails.
         """

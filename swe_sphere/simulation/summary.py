@@ -41,12 +41,12 @@ class Summary:
 
     @property
     def completed(self) -> bool:
-        """Whether the run reached its end."""
+        """True if the run reached its end."""
         return self.status == "completed"
 
     @property
     def is_sound(self) -> bool:
-        """Whether the state is one of the solution."""
+        """True if the final state is a valid part of the solution."""
         return self.status in ("not begun", "completed", "timed-out", "interrupted")
 
     def __getitem__(self, name: str) -> Any:

@@ -61,7 +61,7 @@ class SolveResult(ABC):
 
     @property
     def converged(self) -> bool:
-        """Whether the status is CONVERGED."""
+        """True if the status is CONVERGED."""
         return self.status is Status.CONVERGED
 
     @property

@@ -179,6 +179,6 @@ class KrylovExponential:
         return 0.0, nothing
 
     def _is_small(self, p: ExponentialResult, error: float, t: float, size: float) -> bool:
-        """Whether an error after t, relative to the size of the first vector, is small enough."""
+        """Return whether an error after t is small enough, relative to the first vector."""
         least = self.space.epsilon * t**p.terms / math.factorial(p.terms)
         return error <= max(p.tolerance * t / p.length / size, least)

@@ -131,7 +131,7 @@ class NewtonKrylov:
         self.max_iterations, self.max_krylov = max_iterations, max_krylov
         self.forcing = forcing
         self.nonlinearity: float | None = None
-        """Of the last step that told it, see `Forcing`; it is carried over from solve to solve."""
+        """Last measured nonlinearity, see `Forcing`; it is kept from solve to solve."""
         self._residual, self._trial_residual = space.zeros(), space.zeros()
         self._trial, self._direction = space.zeros(), space.zeros()
 

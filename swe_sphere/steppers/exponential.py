@@ -15,7 +15,7 @@ from swe_sphere.steppers.stage_solver import StageSolver
 from swe_sphere.steppers.stepper import read_methods
 
 STAGE = 0.75
-"""Where the one-step method has its second stage, in time steps."""
+"""Time of the second stage of the one-step method, in time steps."""
 DRIFT = np.array([-25 / 12, 4.0, -3.0, 4 / 3, -1 / 4])
 """Weights of values at quarters of a step in the derivative at its beginning, of fourth order."""
 

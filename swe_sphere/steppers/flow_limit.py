@@ -65,7 +65,7 @@ them it has the same growth."""
 WEAK = 1e-4
 """Growth in a step that is let pass in strong winds, where there is a little of it at any step."""
 NOTHING_BUT_WIND = 1.0
-"""Its share of the wave speed where there are no gravity waves."""
+"""Ratio of wind to wave speed that stands for a flow without gravity waves."""
 
 
 class FlowLimited(Stepper):

@@ -64,9 +64,9 @@ class ForwardBackward(SplitExplicit):
     waves: ClassVar[Triple] = (1 / 5, 1 / 3, 3 / 20)
     """The wind, mass and gamma of `level_weights`."""
     strong: ClassVar[Triple] = (1 / 5, 1 / 5, 1 / 5)
-    """In strong winds, those of the initial state of the scene."""
+    """Coefficients for strong winds in the initial state of the scene."""
     advection: ClassVar[Triple] = (5 / 12, 5 / 12, 0.0)
-    """Where there are no gravity waves."""
+    """Coefficients for flows without gravity waves."""
 
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)
@@ -138,7 +138,7 @@ class ForwardBackwardRK3(SplitExplicit):
     repeats_from = 0
     style = ("#B7DC5D", (10, 1, 0))
     fractions: ClassVar[tuple[float, ...]] = (1 / 3, 1 / 2, 1.0)
-    """What part of the step each stage takes, from its start."""
+    """Return the fraction of the step that each stage takes, from the start of the step."""
     weights: ClassVar[tuple[float, ...]] = (0.359, 0.578, 0.234)
 
     def __init__(self, model: Model, dt: float) -> None:

@@ -24,7 +24,7 @@ AHEAD = (np.array(C) + 1.0 - C[0]) / (C[1] - C[0])
 EXTRAPOLATION = np.stack([1.0 - AHEAD, AHEAD], axis=1)
 """Slopes (2,) of the next step from those of this one, by the line through them."""
 DIAGONAL = (A[0][0], A[1][1] - A[1][0] * A[0][1] / A[0][0])
-"""Of the lower triangle LD in A = L D U: 1/4 and 1/3."""
+"""Diagonal of the lower triangle LD in A = L D U: 1/4 and 1/3."""
 
 
 class ForwardElimination(Preconditioner):

@@ -93,7 +93,7 @@ class NewtonStages(StageSolver):
         self.counters = {"rejected_steps": 0, "newton_iterations": 0, "krylov_iterations": 0}
         self._known = self.newton.nonlinearity
         self._units: list[tuple[str, wp.array, float]] = []
-        """What is conserved, a state that is zero but for 1 m of it, and the square of its norm."""
+        """Conserved fields: a state that is zero but for 1 m of the field, and its squared norm."""
         n, effects = model.device_mesh.size, model.scene.effects
         kept = MASSES.intersection(*(effect.conserves for effect in effects))
         for i, name in enumerate(model.names):

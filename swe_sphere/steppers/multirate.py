@@ -58,7 +58,7 @@ class InfinitesimalStep(FlowLimited):
         for i, row in enumerate(alpha + gamma):
             times.append(self._durations[i] + row[:i] @ times[1:])
         self._offsets, self._steps = times[:STAGES], [1] * STAGES
-        """When the slopes are taken, from the start of the step on [s], and the sub-steps."""
+        """Times of the slopes since the start of the step [s], and the sub-steps."""
         self._fast: FastWaves | None = None
         if model.scene.effect("pressure-gradient") is not None:
             self._fast, start = FastWaves(model), model.initial_state()
@@ -142,7 +142,7 @@ def substep_counts(beta: Matrix, angle: float) -> list[int]:
 
 
 def _waves(z: Complex, moved: Complex, rate: Complex, duration: float, steps: int) -> Complex:
-    """What `FastWaves` does to (h, u), the rows of `moved`, with L = -z (0 1; 1 0)."""
+    """Apply the map of `FastWaves` to (h, u), the rows of `moved`, with L = -z (0 1; 1 0)."""
     tau = duration / steps
     h, u = moved[..., 0, :], moved[..., 1, :]
     u = u + 0.5 * tau * (rate[..., 1, :] - z * h)

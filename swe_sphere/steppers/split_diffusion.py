@@ -70,7 +70,7 @@ class Diffusion:
 
     @property
     def evaluations(self) -> int:
-        """Of D in a step."""
+        """Number of evaluations of D in a step."""
         return len(self._stages)
 
     def act(self, state: wp.array) -> None:

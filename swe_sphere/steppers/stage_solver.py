@@ -81,7 +81,8 @@ class Motion:
         self._slope, self.bend, self._work, self.last_dt = slope, bend, before, dt
 
     def truncation(self, constant: float, order: int, dt: float) -> float:
-        """What a solver may leave of a step of dt [s] by a scheme with that error constant C.
+        """Return the residual that a solver may leave in a step of dt [s] of a scheme with error
+        constant C.
 
         It is `SHARE` of the least truncation error, relative to the change over the step.
         """
@@ -103,7 +104,7 @@ class Motion:
 
 
 def _ratio(above: float, below: float) -> float:
-    """Their quotient; 0 where there is nothing above, infinite where only there is something."""
+    """Return the quotient; 0 for a zero numerator, infinity for a zero denominator alone."""
     if above == 0.0:
         return 0.0
     return above / below if below > 0.0 else math.inf
@@ -165,7 +166,7 @@ class StageSolver(Motion):
         return least if self.loosest > 0.0 else 0.0
 
     def fault(self, state: wp.array) -> str | None:
-        """What is wrong with a new state: gravity waves need a positive depth."""
+        """Return the fault of a new state, if any: gravity waves require a positive depth."""
         if not self._needs_depth:
             return None
         end = self.model.fluid_size

@@ -1,4 +1,4 @@
-"""What every stepper does: it moves its state forward by one step at a time."""
+"""Base of all steppers, which advance their state by one step at a time."""
 
 import tomllib
 from abc import ABC, abstractmethod
@@ -133,7 +133,7 @@ class Stepper(Trajectory, ABC):
     style: ClassVar[tuple[str, Marker] | None] = None
     """Colour and marker in pictures; None: whatever is free."""
     diffusion_apart: bool = True
-    """Whether viscosity and hyperviscosity are split off, so that they do not limit its step."""
+    """True if diffusion is applied separately, so that it does not limit the step."""
     diffusion_steps: ClassVar[int | None] = None
     """Steps over which `advance` has `diffusion` join its change; None: `step` splits it off."""
     diffusion_order: ClassVar[int] = 2
@@ -141,7 +141,7 @@ class Stepper(Trajectory, ABC):
     levels: ClassVar[tuple[str, ...]] = ()
     """Names of the arrays in `memory` that are states, the present one first; (): `state` alone."""
     holds_damping: ClassVar[bool] = False
-    """Whether it holds drag and relaxation over a step, which is of first order."""
+    """True if drag and relaxation are held fixed over a step, which is of first order."""
     repeats_from: ClassVar[int | None] = None
     """The step from which on `advance` launches the same kernels on arrays that `swap` exchanges,
     with no other work, so that it can be recorded; None: never.  A class that defines `advance`

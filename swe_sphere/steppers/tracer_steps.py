@@ -19,11 +19,11 @@ from swe_sphere.steppers.split_diffusion import Diffusion
 from swe_sphere.steppers.stepper import Stepper, Trajectory
 
 FLOW = "flow_"
-"""In front of names of what the flow's stepper remembers."""
+"""Prefix of the names of the arrays that the flow's stepper keeps."""
 PARTS = 2
 """Parts that a tracer step has at the start, at most; it has more where the wind grows."""
 MARGIN = 1.1
-"""By how much the spectral radius may exceed what the one at the start makes us expect."""
+"""Factor by which the spectral radius may exceed the value expected from the initial state."""
 _REACH: dict[float, tuple[float, ...]] = {
     2.8: (1 / 4, 1 / 3, 1 / 2, 1.0),
     4.6: (0.16904917667410368, 0.13380303671748228, 1 / 4, 1 / 3, 1 / 2, 1.0),
@@ -94,7 +94,7 @@ class TransportRate:
             transport(wind, x, depth, out, depth)
 
         self.start = min(bound, spectral_radius(model, state, carry))
-        """At the start of the scene [s-1], from above."""
+        """Spectral radius at the initial state of the scene [s-1], an upper bound."""
         self._share = min(1.0, MARGIN * self.start / bound) if bound > 0.0 else 1.0
 
     def __call__(self, flux: wp.array, air: wp.array) -> float:

@@ -29,7 +29,7 @@ class BlockElimination(KeptSetup):
     real: ClassVar[Any] = wp.float32
     """Number type of all vectors inside: a preconditioner needs no more."""
     launches: ClassVar[bool] = False
-    """Whether `solve` only launches kernels, so that it can be recorded."""
+    """True if `solve` only launches kernels, so that it can be recorded."""
 
     first = 2
 

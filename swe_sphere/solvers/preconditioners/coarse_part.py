@@ -89,7 +89,7 @@ class CoarsePart:
         )  # fmt: skip
 
     def rows(self, matrix: Any) -> scipy.sparse.csr_array:
-        """Those of its functions."""
+        """Rows of its functions."""
         return scipy.sparse.csr_array(matrix)[self.functions]
 
     def square(self, matrix: Any) -> scipy.sparse.csr_array:
@@ -100,11 +100,11 @@ class CoarsePart:
         return square
 
     def here(self, functions: Integers) -> Integers:
-        """Their numbers among those that it has."""
+        """Return their indices among the functions of this rank."""
         return np.searchsorted(self.functions, functions)
 
     def owned(self, functions: Integers) -> Integers:
-        """Those of some functions (V',) of which this rank holds the first element."""
+        """Return the functions among some (V',) of which this rank holds the first element."""
         mine: Integers = functions[self._owner_of(functions) == self._mesh.comm.rank]
         return mine
 

@@ -1,4 +1,4 @@
-"""What every preconditioner does: its set-up may be kept from step to step, tracers follow."""
+"""Base of all preconditioners, which reuses set-ups and treats tracers after wind and depth."""
 
 import time
 from abc import ABC, abstractmethod
@@ -37,7 +37,7 @@ class Preconditioner(ABC):
     """
 
     name: ClassVar[str]
-    """By which users call it; a class without a name of its own is a base of others."""
+    """Name for users; a class without a name is a base of others."""
 
     setups, applications, setup_seconds = 0, 0, 0.0
     """Set-ups and applications so far, and wall time of the former [s]."""
@@ -76,7 +76,7 @@ class Preconditioner(ABC):
             self.ratio.follow(r, out)
 
     def costs(self) -> dict[str, float]:
-        """What it has taken so far: counts, and seconds of the set-ups."""
+        """Return its cost so far: counts, and time of the set-ups [s]."""
         return {
             "preconditioner_applications": self.applications,
             "setups": self.setups,
@@ -84,7 +84,7 @@ class Preconditioner(ABC):
         }
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """What the set-up in use was made for, that a restarted run makes the same one."""
+        """Return the inputs from which a restarted run rebuilds the set-up in use."""
         return {}
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:  # noqa: B027 (optional)
@@ -149,7 +149,7 @@ class KeptSetup(Preconditioner):
 
     @abstractmethod
     def _is_near(self, flow: wp.array) -> bool:
-        """Whether these blocks are still much as they were, on all ranks."""
+        """Return whether these blocks have changed little, on all ranks."""
 
     @abstractmethod
     def _prepare(self, tau: float, flow: Array) -> None:
