@@ -176,64 +176,76 @@ def cell(step: float, limit: float, explicit: float) -> str:
 
 HEAD = f"""# What limits semi-implicit steps
 
-Made by `python benchmarks/imex_steps.py`.
+The wind limits them. Semi-implicit and IMEX steppers become unstable when Δt ρ exceeds their
+stability limit on the imaginary axis, where ρ is the spectral radius of the advection of depth,
+−∇·(V h), at the *strongest wind of the run*. Automatic steps are 0.85 of this limit. Made by
+`python benchmarks/imex_steps.py`.
 
-With gravity waves implicit, F − L is left to explicit steps.  Its largest eigenvalues, of advection
-and the Coriolis force in one place, are not what breaks first: steppers blow up where their step
-times ρ, the spectral radius of the advection of depth, −∇·(V h), at the *strongest wind of the
-run*, exceeds their stability limit on the imaginary axis, over mountains as elsewhere.  In
-williamson5 ρ more than doubles within six days, which its start does not tell: a limit from the
-start is unsafe there and wasteful elsewhere.  So
+## The limit
 
-* the limit is that of the advection at the strongest wind of a trial run with rk4 on a coarse mesh
-  (six days), scaled to the mesh of the run; 0.85 of it is taken;
-* on meshes so coarse that 1.25 · 2Ω exceeds ρ, inertial waves limit the step instead;
-* the implicit waves run over the depth H from the bottom to the mean surface of the start (or 0.8
-  of that to the highest surface, where that is more), so that little of them is left explicit over
-  mountains too, however long the step.
+With gravity waves implicit, F − L is left to explicit steps. Its largest local eigenvalues, of
+advection and the Coriolis force, are not the first to become unstable; ρ is, over mountains as
+elsewhere. In williamson5 ρ more than doubles within six days. A limit computed from the initial
+state would therefore be unsafe there, and too short in other scenes. Instead:
 
-The last has a reason that no limit by the wind can mend.  What is left explicit of a wave of
-frequency ω where the depth deviates by δ = (h − H)/H is δ H div V, which does not commute with the
-implicit part.  The step of `ark2` for the two unknowns of that wave amplifies it at δ = −0.32 from
-ω Δt = 0.8 on, at −0.2 between 6 and 17, at 0.1 from 15 on, and not at all for −0.1 ≤ δ ≤ 0.05;
-that of `ars343` not for −0.8 ≤ δ ≤ 0.1, that of leapfrog never.  With one H everywhere, δ is −0.32
-over the mountain of williamson5: `ark2` blew up within two days at its automatic step in winds of
-2 and 5 m/s, on stretched and on uniform meshes, while the other two did not.
+* The limit is that of advection at the strongest wind of a trial run of six days with rk4 on a
+  coarse mesh, scaled to the mesh of the run.
+* On meshes so coarse that 1.25 · 2Ω exceeds ρ, inertial waves limit the step instead.
+* The implicit waves are linearised about the depth H from the bottom to the mean initial surface
+  (or 0.8 of the depth to the highest surface, if that is more). Over mountains too, only a small
+  part of the waves then remains explicit, at any step.
 
-For one wave in a constant wind, leapfrog with implicit gravity waves is stable up to an advective
-Courant number ρ Δt of 1 (0.87 with the filter) whatever the deviation of the depth, and `ars343` up
-to 2.8, but to 1.9 where explicit waves of the deviating depth are a third of the implicit ones:
-that is taken.  No linear
-multistep method exceeds 1 with one evaluation a step, so where the wind is a third of the wave
-speed (williamson6) `semi-implicit` cannot have three times the step of rk4, whose limit is 2.83
-over the sum of both.  `ars343` has more than that in all scenes.
+## Why the reference depth follows the bottom
 
-Longer steps that were tried and left.  `ark2` with a32 = 0.8 for 0.97 is stable to ρ Δt = 1.14
-(0.85: 1.40) for implicit waves of any speed, where it now has 0.89, and bears deviations of the
-depth from −0.2 to 0.05.  At 0.8 automatic steps would be 1.28 times as long and 0.88, 0.60, 0.66,
-0.58 and 0.38 of what bisection finds (williamson2, 5, 6, galewsky, lauter, 8x4); at 0.85 that of
-williamson2 is 1.14 of it.  But at one step the error in time is 1.8 times as large in the wind and
-1.35 times in the depth (lauter), so that the same error takes shorter steps.  `ars343` taken to
-2.27 in the place of 1.9 blows up in galewsky (8x4) at day 5.3, when the jet has broken up, and does
-not with 1.9 in ten days.
+Where the depth deviates by δ = (h − H)/H, the explicit part of a wave of frequency ω is δ H div V,
+which does not commute with the implicit part. A step of `ark2` for the two unknowns of that wave
+amplifies it at δ = −0.32 from ω Δt = 0.8 on, at δ = −0.2 between 6 and 17, at δ = 0.1 from 15 on,
+and not at all for −0.1 ≤ δ ≤ 0.05. `ars343` does not amplify it for −0.8 ≤ δ ≤ 0.1, leapfrog never
+does. With one H for the whole sphere, δ is −0.32 over the mountain of williamson5. `ark2` then
+became unstable within two days at its automatic step in winds of 2 and 5 m/s, on stretched and on
+uniform meshes; the other two did not.
 
-More of the waves implicit means a larger error in time, smoothly: of lauter (ne3, 900 s) the depth
-of `semi-implicit` is wrong by 3.6e-5, 4.1e-5, 4.8e-5, 5.5e-5 where the reference depth is 0.4, 0.6,
-0.8, 1.0 of that above, and by 3.9e-5 for one depth everywhere.  A shallower reference would leave
-waves explicit of a depth that deviates upwards, which `ark2` bears worst.
+A larger implicit part means a larger error in time. In lauter (ne3, 900 s) the depth error of
+`semi-implicit` is 3.6e-5, 4.1e-5, 4.8e-5 and 5.5e-5 for reference depths of 0.4, 0.6, 0.8 and 1.0
+of the one above, and 3.9e-5 for one depth on the whole sphere. A shallower reference would leave
+waves of a depth that deviates upwards explicit, which `ark2` tolerates least.
 
-Automatic step of the limit [s] (by bisection to 6 % over {DAYS:g} days, float64, no dissipation;
-their ratio; the step over rk4's automatic one), and ρ [s⁻¹] at the start, at the strongest wind on
-that mesh, and as the trial run tells it.  Behind @ is another wind than the scene's [m/s], behind
-the mesh how often it is refined over the mountain:
+## Limits of the methods
+
+For one wave in a constant wind, leapfrog with implicit gravity waves is stable up to ρ Δt = 1 (0.87
+with the filter) for any deviation of the depth. `ars343` is stable up to 2.8, but only up to 1.9
+where the explicit waves of the deviating depth are a third of the implicit ones; 1.9 is used. No
+linear multistep method with one evaluation a step exceeds 1. Where the wind is a third of the wave
+speed (williamson6), `semi-implicit` can therefore not take three times the step of rk4, whose limit
+is 2.83 over the sum of both. `ars343` exceeds that ratio in all scenes.
+
+Two longer steps were tried and not kept:
+
+* `ark2` with a32 = 0.8 instead of 0.97 is stable up to ρ Δt = 1.14 (with 0.85: 1.40) for implicit
+  waves of any speed, instead of 0.89, and tolerates deviations of the depth from −0.2 to 0.05. At
+  0.8 automatic steps would be 1.28 times as long, 0.88, 0.60, 0.66, 0.58 and 0.38 of the limits
+  found by bisection (williamson2, 5, 6, galewsky, lauter, 8x4); at 0.85 the step of williamson2 is
+  1.14 of its limit. At equal step, however, the time error is 1.8 times as large in the wind and
+  1.35 times in the depth (lauter), so that the same error needs shorter steps.
+* `ars343` with 2.27 instead of 1.9 becomes unstable in galewsky (8x4) at day 5.3, after the jet has
+  broken up. With 1.9 it is stable for ten days.
+
+## Automatic steps and measured limits
+
+Each cell gives the automatic step and the limit [s], found by bisection to 6 % over {DAYS:g} days
+(float64, no dissipation), with their ratio and the ratio of the step to the automatic step of rk4.
+ρ [s⁻¹] is given at the initial state, at the strongest wind on that mesh, and as the trial run
+estimates it. A wind other than the scene's [m/s] follows @; a third number of the mesh is its
+refinement over the mountain.
 """
 
-SLOW = f"""## What they save in a slow wind
+SLOW = f"""## Cost in a slow wind
 
-williamson5 with a wind of {WIND:g} m/s, ne16 np4, {DAYS:g} days: time of the steps on one core, the
-fastest of three, and the error of the vorticity against rk4 in steps of 200 s.  Steps
-of rk4 are so cheap on a CPU that implicit gravity waves save no time on this mesh, though steps are
-6 to 14 times as long; `leapfrog` costs least.  Taken on a busy machine: ratios are rough.
+On this mesh semi-implicit steps save no time: `leapfrog` costs least, since steps of rk4 cost
+little on a CPU although semi-implicit steps are 6 to 14 times as long. williamson5 with a wind of
+{WIND:g} m/s, ne16 np4, {DAYS:g} days: time of the steps on one core, fastest of three, and the
+error of vorticity against rk4 with Δt = 200 s. Measured on a busy machine, so that ratios are
+rough.
 """
 
 
