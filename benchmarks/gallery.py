@@ -58,9 +58,9 @@ RUNS = {
 
 HEAD = """# Gallery
 
-Every scene on a coarse mesh, with the commands that make the pictures (here they are smaller);
-`python benchmarks/gallery.py` makes this page.  What the flags of `plot` do is in
-[Pictures](pictures.md); `swe-sphere animate` makes films.
+This page shows every scene on a coarse mesh, with the commands that make its picture (reduced in
+size here). [Pictures](pictures.md) explains the flags of `plot`. Made by `python
+benchmarks/gallery.py`.
 """
 
 

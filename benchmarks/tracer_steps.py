@@ -91,42 +91,43 @@ def _l2(area: Any, now: Any, right: Any) -> float:
     return float(np.sqrt(area @ (now - right) ** 2 / (area @ right**2)))
 
 
-HEAD = """# Tracers on steps of their own
+HEAD = """# Separate time steps for tracers
 
-The wind limits the steps of tracers, gravity waves those of the flow. `--tracer-steps auto` takes
-one step of the tracers for several of the flow, with its time-averaged mass flux, as CAM-SE does;
-`--tracer-steps 3` takes one for three. What a run shows and writes is the state after whole steps
-of the tracers.
+`--tracer-steps auto` takes one tracer step for several steps of the flow. The wind limits the steps
+of tracers, while gravity waves limit those of the flow. Tracers are transported with the
+time-averaged mass flux, as in CAM-SE. `--tracer-steps 3` takes one tracer step for three flow
+steps. A run prints and writes states after whole tracer steps.
 
     swe-sphere run deformational --ne 6 --days 1 --tracer-steps auto
 
-* **The flux** is summed up by the stepper itself, as two more fields G with dG/dt = hV behind
-  wind and depth: what the scheme does to the depth it does to them, and h + div G stays to
-  round-off in every scheme that is linear in states and tendencies. So a constant mixing ratio
-  stays constant and every tracer keeps its mass, to round-off, with explicit and semi-implicit
-  steppers, with leapfrog's filter, and with a limiter once a tracer step. What the solver of a
-  semi-implicit step leaves, and diffusion, change the depth by other than fluxes; tracers follow
-  that change, and their masses are restored.
-* **A stepper of your own** takes part if it combines tendencies linearly; one that remembers
-  states of times before has to say so in `levels`, else it is refused. Implicit and exponential
-  steppers solve for tracers with the flow: there the option is refused.
-* **Under a prescribed wind** there is no flow with shorter steps: depth and tracers take the long
-  step together, in two halves with the wind in the middle of each; a tracer is stepped as the
-  depth is, so that a constant mixing ratio stays constant.
-* **The stages** of a tracer step need not be many, as transport has no fast waves: 4 to 10 of
-  them, of fourth order for a flux that rests, reach 2.8 to 7.9 over the spectral radius
-  (`benchmarks/tracer_stages.py`); a step at the start has two such parts at the most, which is
-  the limit that `--tracer-steps` is held to, and more of them where the wind has grown. With the
-  flux frozen the step is of second order (`tests/test_tracer_steps.py`); in a flow that is
-  stepped an automatic one is no longer than three hours.
-* **Sources of depth** (forcing, relaxation) bring no tracer and cannot be told from fluxes: the
-  option is refused.
+* **Mass flux.** The stepper integrates two more fields G with dG/dt = hV beside wind and depth. A
+  scheme that is linear in states and tendencies treats them as it treats the depth, so that h + div
+  G stays constant to round-off. A constant mixing ratio therefore stays constant and every tracer
+  conserves its mass to round-off, with explicit and semi-implicit steppers, with the filter of
+  leapfrog, and with a limiter once a tracer step. The residual of a semi-implicit solve, and
+  diffusion, change the depth by other means than fluxes; tracers follow that change, and their
+  masses are restored.
+* **Custom steppers** can use the option if they combine tendencies linearly. A stepper that keeps
+  earlier states must name them in `levels`, otherwise the option is refused. Implicit and
+  exponential steppers solve for tracers together with the flow and refuse the option.
+* **Prescribed wind.** There are no flow steps. Depth and tracers take the long step together, in
+  two halves with the wind at the middle of each; tracers are stepped as the depth is, so that a
+  constant mixing ratio stays constant.
+* **Stages.** A tracer step needs few stages, since transport has no fast waves: 4 to 10 stages, of
+  fourth order for a steady flux, reach 2.8 to 7.9 over the spectral radius
+  (`benchmarks/tracer_stages.py`). At the initial state a tracer step has at most two such parts,
+  which limits `--tracer-steps`; if the wind becomes stronger it has more. With a fixed flux the
+  step is of second order (`tests/test_tracer_steps.py`). An automatic tracer step is at most three
+  hours, except under a prescribed wind.
+* **Sources of depth** (forcing, relaxation) add no tracer and cannot be distinguished from fluxes:
+  the option is refused.
 
 ## Measured
 
-Eight tracers at ne{ne} np4, steps of the flow automatic. The ratio is the median over {rounds}
-rounds of the CPU time against one tracer step a step. Errors are l2 norms after the run: of
-deformational flow against the start, of others the change against one tracer step a step.
+Eight tracers at ne{ne} np4, automatic flow steps. The ratio is the median over {rounds} rounds of
+the CPU time relative to one tracer step for each flow step. Errors are l2 norms after the run: for
+deformational flow relative to the initial state, for other scenes the difference from one tracer
+step for each flow step.
 
 | scene | stepper | dt [s] | at once | least [s] | median [s] | ratio | hills | bells | cylinders |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |
