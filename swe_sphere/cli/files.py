@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +12,7 @@ import typer
 
 from swe_sphere.cli.options import AsJson, Field, flag, given, option, with_flags
 from swe_sphere.errors import ConfigError
+from swe_sphere.files.user_file import check_trusted
 from swe_sphere.pictures.look import Look
 from swe_sphere.planet import DAY
 from swe_sphere.settings.values import names_in, validated
@@ -41,13 +43,14 @@ def plot(
     time: float | None = option("DAYS", "Time of the frame (the last)."),
     out: Path | None = option("FILE.png", "The picture (beside the file: FILE_FIELD.png)."),
     compare: str | None = option("FILE.nc|exact", "Draw the difference from that."),
+    trust: list[Path] | None = option("FILE", "Code of the file's scene, for exact; repeatable."),
     **look: Any,
 ) -> None:
     """Draw a field of a file on the globe."""
     from swe_sphere.pictures.plot import plot_file
 
     seconds = None if time is None else time * DAY
-    against = None if compare is None else _against(file, compare)
+    against = None if compare is None else _against(file, compare, trust or ())
     typer.echo(plot_file(file, field, seconds, out, validated(Look, given(look, Look)), against))
 
 
@@ -65,22 +68,23 @@ def animate(
     typer.echo(animate_file(file, field, out, validated(Look, given(look, Look)), rate))
 
 
-def _against(file: Path, other: str) -> Source | Exact:
+def _against(file: Path, other: str, trust: Iterable[Path]) -> Source | Exact:
     """Return the source to compare with: a file, or the exact solution of the file's scene."""
     from swe_sphere.io.compare import open_source
 
     if other != "exact":
         return open_source(other)
     from swe_sphere.io.reference_solution import Exact
-    from swe_sphere.io.runfile import RunFile
+    from swe_sphere.io.runfile import RunFile, table_in
     from swe_sphere.simulation.build import make_scene
     from swe_sphere.simulation.config import make_config
 
     run = RunFile(file)
-    told = run.attributes.get("configuration")
-    if told is None:
+    told = table_in(str(run.attributes.get("configuration")))
+    if "scene" not in told:
         raise ConfigError(f"{file} does not say of which scene it is: compare with another file")
-    return Exact(make_scene(make_config(json.loads(told))), run.mesh)
+    check_trusted(told["scene"], file, trust)
+    return Exact(make_scene(make_config(told)), run.mesh)
 
 
 def compare(

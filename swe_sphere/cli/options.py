@@ -18,8 +18,8 @@ METAVARS = {
     "centre_lon": "DEGREES", "centre_lat": "DEGREES", "spin": "DEGREES", "alpha": "RADIANS",
     "device": "cpu|cuda:0", "settings": "EFFECT.PARAMETER=VALUE", "diagnostics": "FILE.py",
     "out": "FILE.nc", "every": "HOURS", "plot": "FILE.png", "live": "FIELD", "restart": "FILE.nc",
-    "reference": "FILE.nc", "time_limit": "SECONDS", "tracer_steps": "K|auto", "levels": "N",
-    "repeats": "R", "jobs": "N", "target_error": "E", "error": "E",
+    "trust": "FILE", "reference": "FILE.nc", "time_limit": "SECONDS", "tracer_steps": "K|auto",
+    "levels": "N", "repeats": "R", "jobs": "N", "target_error": "E", "error": "E",
     "budget": "SECONDS",
     "projection": "NAME", "centre": "LON|LON,LAT", "region": "W,E,S,N", "limits": "LOW,HIGH",
     "colours": "NAME",
@@ -33,7 +33,7 @@ Field = Annotated[str | None, typer.Option(metavar="NAME", help="h, surface, vor
 """Flags that several commands have."""
 
 LIST = "A,B,..."
-REPEATED = ("settings", "diagnostics", "reference")
+REPEATED = ("settings", "diagnostics", "reference", "trust")
 """Fields of several values whose flag is given again for each; others take a list, A,B,..."""
 
 

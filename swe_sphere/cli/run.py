@@ -20,6 +20,7 @@ from swe_sphere.cli.options import given, option, with_flags
 from swe_sphere.cli.show import explain
 from swe_sphere.compiling import on_compile
 from swe_sphere.errors import ConfigError, in_one_line
+from swe_sphere.files.user_file import is_user_file
 from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.ranks.communicator import world
 from swe_sphere.ranks.limits import available_memory
@@ -99,6 +100,8 @@ def _show_summary(summary: Summary, config: RunConfig) -> None:
     if told and summary.status in ("interrupted", "timed-out"):
         words = ["swe-sphere", "run", config.scene, "--restart", str(config.out)]
         words += ["--out", str(config.out), "--days", f"{summary['days_planned']:.12g}"]
+        code = {*config.trust, *filter(is_user_file, (config.stepper, config.preconditioner or ""))}
+        words += [word for file in sorted(map(str, code)) for word in ("--trust", file)]
         sys.stderr.write(f"swe-sphere: it goes on with: {shlex.join(words)}\n")
     if config.as_json:
         sys.stdout.write(summary.as_json() + "\n")

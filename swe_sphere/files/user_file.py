@@ -1,9 +1,10 @@
 """User-defined code: files with scenes, steppers, ..., and calls whose errors become one line."""
 
 import os
+import shlex
 import sys
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
@@ -18,6 +19,19 @@ _LOADED: set[str] = set()
 def is_user_file(name: str | Path) -> bool:
     """Return whether a name is that of a Python file."""
     return str(name).endswith(".py")
+
+
+def check_trusted(name: object, path: Path, trusted: Iterable[Path] = ()) -> None:
+    """Raise ConfigError where the data in path name a Python or TOML file that nobody gave.
+
+    A TOML file counts because the scene in it may be based on a Python file.
+    """
+    given = {Path(each).absolute() for each in trusted}
+    if str(name).endswith((".py", ".toml")) and Path(str(name)).absolute() not in given:
+        raise ConfigError(
+            f"{path} names the file {name}, whose code would be executed: read it, then allow it"
+            f" with --trust {shlex.quote(str(name))} (in Python: trust=[...])"
+        )
 
 
 def load_file(path: Path, what: str) -> ModuleType:

@@ -160,6 +160,8 @@ class RunConfig(SharedConfig):
     """Draw this field in the terminal a hundred times in the run; auto: what suits the scene."""
     restart: FileName | None = None
     """Go on where that run stopped; out may name it."""
+    trust: Annotated[tuple[FileName, ...], Field(exclude=True)] = ()
+    """Python files that may be executed where the file of a run names them; repeatable."""
     reference: FileName | None = None
     """Lat-lon reference solution of the time at the end of the run, for the errors."""
     time_limit: Positive | None = None

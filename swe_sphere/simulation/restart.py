@@ -14,7 +14,7 @@ import numpy as np
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.fingerprints import SCENE_FILE, file_fingerprint
-from swe_sphere.files.user_file import is_user_file
+from swe_sphere.files.user_file import check_trusted, is_user_file
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig, make_config
@@ -30,9 +30,13 @@ OF_ONE_RUN = {
 """Fields of a configuration that belong to one run, and what in Python accepts them."""
 
 INHERITED = RunConfig.model_fields.keys() - {
-    *OF_ONE_RUN, "scene", "dt", "diagnostics", "reference", "time_limit",
+    *OF_ONE_RUN, "scene", "dt", "diagnostics", "reference", "time_limit", "trust",
 }  # fmt: skip
 """Fields of the configuration that a resumed run inherits unless they are given."""
+
+
+CODE = ("stepper", "preconditioner")
+"""Inherited fields that may name a Python file."""
 
 
 def appends(config: RunConfig) -> bool:
@@ -131,6 +135,9 @@ class Restart:
         """Return the configuration, with the values of the earlier run for what it leaves open."""
         names = INHERITED if self.steps else {*INHERITED, "dt"}
         kept = {name: value for name, value in self.table().items() if name in names}
+        for name in CODE:
+            if name not in config.model_fields_set:
+                check_trusted(kept.get(name), self.path, config.trust)
         return make_config(kept | config.given() | {"restart": self.path})
 
     def check(self, identity: dict[str, object]) -> None:

@@ -21,7 +21,7 @@ from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError, RunFailed, SweError, in_one_line
 from swe_sphere.files.durable import clear_errors
 from swe_sphere.files.fingerprints import code_fingerprint
-from swe_sphere.files.user_file import cause, guarded, users_code
+from swe_sphere.files.user_file import cause, check_trusted, guarded, users_code
 from swe_sphere.io.integrals import tracer_masses
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
@@ -196,12 +196,17 @@ class Simulation:
         """Resume from a checkpoint, or from the last frame of the file of a run, bit for bit.
 
         scene: needed if it was given as an object.  settings: as of `Simulation`; the stepper, the
-        mesh and the effects are those of the earlier run.
+        mesh and the effects are those of the earlier run. trust: a list of the Python files that
+        the checkpoint may name as scene, stepper or preconditioner; others are not executed.
 
         Raises ConfigError where the file is missing, damaged, or of another run than requested.
         """
         resumed = Restart(Path(path))
-        return cls(scene or str(resumed.table()["scene"]), resumed=resumed, **settings)
+        if scene is None:
+            scene = str(resumed.table().get("scene"))
+            trust = make_config({"scene": scene, "trust": settings.get("trust", ())}).trust
+            check_trusted(scene, resumed.path, trust)
+        return cls(scene, resumed=resumed, **settings)
 
     # --- what it is made of
 
