@@ -149,7 +149,7 @@ def test_a_scene_file_edited_meanwhile_is_not_the_scene(tmp_path):
     file.write_text('base = "williamson2"\nname = "flow"\n[parameters]\nalpha = 1.0\n')
     sim.run(days=0.25, out=out)
     with pytest.raises(ConfigError, match="has been edited"):
-        Simulation.from_checkpoint(out)
+        Simulation.from_checkpoint(out, trust=[file])
     file.write_text("no toml")
     assert sim.run(days=0.5).status == "completed"
 
