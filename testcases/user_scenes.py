@@ -79,7 +79,7 @@ def scene_files(name: str) -> list[Path]:
         return []
     if is_user_file(name):
         return [path]
-    base = str(tomllib.loads(path.read_text(encoding="utf-8"))["base"])
+    base = str(tomllib.loads(path.read_text(encoding="utf-8-sig"))["base"])
     return [path, *(scene_files(os.fspath(path.parent / base)) if is_scene_file(base) else [])]
 
 

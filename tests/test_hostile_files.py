@@ -1,11 +1,19 @@
 """Files of data that others made: they execute no code that is not given as well."""
 
+import json
+import shutil
 from pathlib import Path
 
+import netCDF4
+import numpy as np
 import pytest
 
+from swe_sphere.analysis.accessor import open_run
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError
+from swe_sphere.io.checkpoint import checkpoint_path
+from swe_sphere.io.runfile import RunFile
+from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.simulation import Simulation
 
 CODE = {
@@ -101,3 +109,104 @@ def test_the_command_that_resumes_allows_the_code_of_the_run(swe, run_with):
     again = ("run", scene, "--restart=run.nc", "--out=run.nc", "--trust=mine.py", "--days=30")
     status, told = swe(*again, "--time-limit=1e-9")
     assert status == 1 and told.rstrip().endswith("--days 30 --trust mine.py")
+
+
+# --- what files say
+
+
+@pytest.fixture(scope="module")
+def small_run(tmp_path_factory):
+    """The file of a short run, with its checkpoint beside it."""
+    path = tmp_path_factory.mktemp("run") / "run.nc"
+    Simulation("williamson2", ne=2, np=4, dt=1800).run(days=0.0625, out=path)
+    return path
+
+
+@pytest.fixture
+def copied(small_run, tmp_path):
+    """A copy of that file and of its checkpoint."""
+    for path in (small_run, checkpoint_path(small_run)):
+        shutil.copy(path, tmp_path)
+    return tmp_path / small_run.name
+
+
+def with_attributes(path, **attributes):
+    """Changes attributes of a file of frames."""
+    with netCDF4.Dataset(path, "a") as file:
+        file.setncatts(attributes)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "told"),
+    [
+        ({"ne": 1026}, "ne=1026 and np=4 make 56844506 nodes, and it has 218"),
+        ({"ne": -2}, "greater than or equal to 0"),
+        ({"ne": 2.0}, "valid integer"),
+        ({"np": "4"}, "valid integer"),
+        ({"radius": 0.0}, "greater than 0"),
+        ({"stretch": np.nan}, "finite number"),
+        ({"centre": [1.0, 2.0, 3.0]}, "at most 2"),
+        ({"centre": "x"}, "valid list"),
+        ({"spin": "x"}, "valid number"),
+        ({"dt": "x"}, "valid number"),
+        ({"title": 3.0}, "valid string"),
+        ({"plot_field": [1.0, 2.0]}, "valid string"),
+        ({"summary": 3.0}, "valid string"),
+    ],
+)
+def test_attributes_are_checked_before_a_mesh_is_built(copied, attributes, told, monkeypatch):
+    with_attributes(copied, **attributes)
+    monkeypatch.setattr(Mesh, "build", pytest.fail)
+    with pytest.raises(ConfigError, match=told):
+        RunFile(copied).mesh  # noqa: B018
+    with pytest.raises(ConfigError, match=told):
+        open_run(copied).swe.mesh  # noqa: B018
+
+
+HEADERS = {
+    "time": ["x", -1.0, None, 10**400, [1.0]],
+    "steps": [-1, 1.5, "3", None, True, 2**70],
+    "stepper": [3, None],
+    "arrays": ["x", [1], {"a": 1}],
+    "attributes": ["x", [1], {"dt": "x"}, {"steps_at_once": 0}, {"run_id": 1}],
+}
+
+
+@pytest.mark.parametrize(("name", "value"), [(n, v) for n, of in HEADERS.items() for v in of])
+def test_the_header_of_a_checkpoint_is_checked(copied, name, value):
+    path = checkpoint_path(copied)
+    with np.load(path) as file:
+        arrays = dict(file)
+    header = json.loads(arrays["header"].item())
+    header[name] = header[name] | value if isinstance(value, dict) and name != "arrays" else value
+    with path.open("wb") as file:
+        np.savez(file, **arrays | {"header": np.array(json.dumps(header))})
+    with pytest.raises(ConfigError, match="is damaged"):
+        Simulation.from_checkpoint(path)
+
+
+@pytest.mark.parametrize("deep", ["header", "configuration"])
+def test_deep_json_in_a_checkpoint_is_one_line(copied, deep):
+    path, nested = checkpoint_path(copied), 100_000 * "["
+    with np.load(path) as file:
+        arrays = dict(file)
+    header = json.loads(arrays["header"].item())
+    header["attributes"]["configuration"] = nested
+    text = nested if deep == "header" else json.dumps(header)
+    with path.open("wb") as file:
+        np.savez(file, **arrays | {"header": np.array(text)})
+    with pytest.raises(ConfigError, match=r"is damaged|does not say its configuration"):
+        Simulation.from_checkpoint(path)
+
+
+@pytest.mark.parametrize("name", ["array:state", "array:origin", "array:counter_rhs_evaluations"])
+@pytest.mark.parametrize("value", [np.zeros(3), np.array("x"), np.zeros((2, 2, 2)), np.array(1j)])
+def test_the_arrays_of_a_checkpoint_are_checked(copied, name, value):
+    path = checkpoint_path(copied)
+    with np.load(path) as file:
+        arrays = dict(file)
+    assert name in arrays
+    with path.open("wb") as file:
+        np.savez(file, **arrays | {name: value})
+    with pytest.raises(ConfigError, match=r"do not fit"):
+        Simulation.from_checkpoint(path)

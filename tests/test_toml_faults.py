@@ -117,3 +117,26 @@ def test_times_that_no_run_can_have(tmp_path, reader) -> None:
 def test_names_that_no_file_can_have(tmp_path, name, file) -> None:
     text = f"{HEADS[read_run]}{name} = {file}\n"
     assert f"{name}: must be the name of a file" in complaint(tmp_path, read_run, text)
+
+
+@READERS
+def test_a_file_may_begin_with_a_mark_of_utf_8(tmp_path, reader) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(HEADS[reader], encoding="utf-8-sig")
+    reader(path)
+
+
+@READERS
+@pytest.mark.parametrize("code", ["utf-16", "utf-16-le", "utf-32"])
+def test_another_code_is_named(tmp_path, reader, code) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(HEADS[reader], encoding=code)
+    with pytest.raises(ConfigError, match=r"mine.toml is not in UTF-8 but in UTF-16"):
+        reader(path)
+
+
+@pytest.mark.parametrize("name", ["../evil", "/tmp/evil", "..", "a\\u0000b", 300 * "x"])
+def test_the_sweeps_of_a_recipe_stay_in_its_folder(tmp_path, name) -> None:
+    assert "name: must be the name of a folder" in complaint(
+        tmp_path, read_sweep, f'{HEADS[read_sweep]}name = "{name}"\n'
+    )

@@ -25,6 +25,7 @@ from swe_sphere.io.integrals import integrals, norms
 from swe_sphere.io.layout import MESH_ATTRIBUTES, START, VARIABLES, in_python, plain
 from swe_sphere.io.runfile import TOLERANCE, Frame, RunFile, engine
 from swe_sphere.io.scalar_fields import derive, evaluate
+from swe_sphere.io.schema import mesh_of
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.operators.sparse import stiffness
@@ -110,12 +111,10 @@ class Analysis:
             raise ConfigError(
                 "this dataset is not of a run: open a file of one (swe_sphere.open_run)"
             )
-        mesh = Mesh.build(**{name: values[name] for name in MESH_ATTRIBUTES})
-        if mesh.size != self._data.sizes["node"]:
-            raise ConfigError(
-                "this dataset holds a part of the nodes only: the whole run is needed"
-            )
-        return mesh
+        try:
+            return mesh_of(values, self._data.sizes["node"])
+        except ConfigError as error:
+            raise ConfigError(f"cannot use this dataset: {error}") from None
 
     def to_latlon(self, rows: int = 181, columns: int = 360) -> xr.Dataset:
         """Return all fields on evenly spaced latitudes and longitudes: (..., lat, lon).

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import part_of, take_place
 from swe_sphere.io.runfile import RunFile
+from swe_sphere.io.schema import CheckpointHeader
 
 HEADER = "header"
 ARRAYS = "arrays"
@@ -97,10 +98,11 @@ def _read(path: Path) -> Checkpoint:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         values = json.loads(arrays.pop(HEADER).item())
+        CheckpointHeader.model_validate(values)
         state_dict = {name: arrays[ARRAY + name] for name in values.pop(ARRAYS)}
         return Checkpoint(state_dict, **values)
     except (OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, SyntaxError,
-            NotImplementedError, zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
+            RuntimeError, zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
         raise ConfigError(
             f"the checkpoint {path} is damaged, cut short, or not a file of this kind: start"
             " again, or from another file"

@@ -24,6 +24,7 @@ from swe_sphere.files.durable import check_moved
 from swe_sphere.io.growing import check_zarr, is_store
 from swe_sphere.io.layout import MESH_ATTRIBUTES, SERIES, SUMMARY, in_python
 from swe_sphere.io.scalar_fields import Sampler, derive, evaluate
+from swe_sphere.io.schema import RunAttributes, mesh_of
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY
 
@@ -78,7 +79,7 @@ def table_in(text: str) -> dict[str, Any]:
     """Return a table in JSON; an empty one where a program was killed while it wrote it."""
     try:
         return dict(json.loads(text))
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, RecursionError):
         return {}
 
 
@@ -176,6 +177,7 @@ class RunFile(Nodal):
             if self.path.is_file():
                 check_length(self.path)
             found = in_python(data.attrs)
+            RunAttributes.model_validate(found)
             if SUMMARY not in found:
                 raise ConfigError(
                     f"cannot read {self.path}: it is no file of a run of swe_sphere, or damaged"
@@ -184,10 +186,16 @@ class RunFile(Nodal):
             new = {k: value for k, value in told.items() if k == "days" or k not in found}
             self.attributes = found | new
             """The global attributes, and by its names what the summary says more: how many days."""
-            self._mesh_arguments = {name: found[name] for name in MESH_ATTRIBUTES}
+            if lacking := {*MESH_ATTRIBUTES} - found.keys():
+                raise ValueError(f"it lacks {', '.join(sorted(lacking))}")
             fields = [str(name) for name, v in data.variables.items() if v.dims == FRAME]
+            for name in (*fields, "b", "time"):
+                if data[name].dtype.kind not in "fiu":
+                    raise ValueError(f"{name} holds no numbers")
             self.about = {name: in_python(data[name].attrs) for name in fields}
             self.times = data["time"].values
+            if self.times.ndim != 1 or not np.isfinite(self.times).all():
+                raise ValueError("its times are no times")
             self.bottom = data["b"].values
 
     @cached_property
@@ -195,10 +203,10 @@ class RunFile(Nodal):
         """The mesh, made again from the attributes of the file."""
         if self.bottom.ndim != 1:
             raise ConfigError(f"{self.path} is on a grid already: give the file of a run")
-        mesh = Mesh.build(**self._mesh_arguments)
-        if mesh.size != self.bottom.size:
-            raise ConfigError(f"cannot read {self.path}: its mesh does not fit its attributes")
-        return mesh
+        try:
+            return mesh_of(self.attributes, self.bottom.size)
+        except ConfigError as error:
+            raise ConfigError(f"cannot read {self.path}: {error}") from None
 
     def frame(self, time: float | None = None) -> dict[str, Array]:
         index = self.index(time)

@@ -182,9 +182,11 @@ def by_field(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the table in a file; ConfigError where it cannot be read or is no TOML."""
+    """Return the table in a file in UTF-8; ConfigError where it cannot be read or is no TOML."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        if b"\0" in path.read_bytes():
+            raise ConfigError(f"{path} is not in UTF-8 but in UTF-16, or no text: save it in UTF-8")
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from None
     except ValueError as error:  # also of text that is not UTF-8, and of endless numbers

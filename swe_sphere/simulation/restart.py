@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.fingerprints import SCENE_FILE, file_fingerprint
-from swe_sphere.files.user_file import check_trusted, is_user_file
+from swe_sphere.files.user_file import cause, check_trusted, is_user_file
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.planning import RunPlan
 from swe_sphere.testcases.user_scenes import scene_files
+
+if TYPE_CHECKING:
+    from swe_sphere.steppers import Trajectory
 
 PICTURES = (".png", ".pdf", ".svg")
 
@@ -125,7 +129,7 @@ class Restart:
 
     def table(self, name: str = "configuration") -> dict[str, Any]:
         """Return a table among the attributes; ConfigError if there is none."""
-        with suppress(KeyError, ValueError):
+        with suppress(KeyError, ValueError, RecursionError):
             values = json.loads(str(self.attributes[name]))
             if isinstance(values, dict):
                 return values
@@ -167,6 +171,17 @@ class Restart:
             )
         cycle = int(self.attributes.get("steps_at_once", 1))
         return RunPlan(dt, self.steps, self.steps, dt, "that of the restart file", cycle)
+
+    def load_into(self, stepper: Trajectory) -> None:
+        """Have a stepper resume from the arrays; ConfigError where they do not fit."""
+        try:
+            stepper.load_state_dict(self.arrays, self.steps)
+            if not all(map(math.isfinite, self.counts.values())):
+                raise ValueError("its counters are not finite")
+        except (LookupError, ValueError, TypeError, ArithmeticError, RuntimeError) as error:
+            raise ConfigError(
+                f"{self.path} is damaged, its arrays do not fit {stepper.name} ({cause(error)})"
+            ) from error
 
     @property
     def counts(self) -> dict[str, float]:

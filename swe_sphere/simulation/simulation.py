@@ -292,7 +292,7 @@ class Simulation:
             if self._restart is None:
                 stepper.start(state)
             else:
-                stepper.load_state_dict(self._restart.arrays, self._restart.steps)
+                self._restart.load_into(stepper)
 
     @property
     def stepper(self) -> Trajectory:

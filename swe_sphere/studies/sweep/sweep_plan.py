@@ -8,7 +8,7 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, TypeAdapter, ValidationError
 
 from swe_sphere.equations.scene import MOST_ELEMENTS, Scene
 from swe_sphere.errors import ConfigError, unknown_name
@@ -61,6 +61,13 @@ def stepper_names(value: object) -> tuple[str, ...]:
             raise ValueError("must be names, files or classes of steppers")
         names.append(named)
     return tuple(dict.fromkeys(names))  # a stepper may be of a family that is named too
+
+
+def _of_folder(name: str) -> str:
+    """Return the name; ValueError for one that is a path out of the folder of a recipe."""
+    if Path(name).name != name or name == ".." or "\0" in name or len(name.encode()) > 200:
+        raise ValueError("must be the name of a folder")
+    return name
 
 
 Names = Annotated[tuple[str, ...], BeforeValidator(_listed)]
@@ -133,7 +140,7 @@ class SweepPlan(SharedConfig):
     """Whether to take the slow-flow error; by default where the start of the scene sheds waves."""
     settings: Names = ()
     """Change an effect or the scene; repeatable."""
-    name: str = ""
+    name: Annotated[str, AfterValidator(_of_folder)] = ""
     """Of its folder among those of a recipe; empty: that of the scene."""
 
     def run_config(self, **values: object) -> RunConfig:

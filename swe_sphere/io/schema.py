@@ -1,0 +1,71 @@
+"""Types and ranges of what is read from files of runs, checked before anything is built of it."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.io.layout import MESH_ATTRIBUTES
+from swe_sphere.mesh import Mesh
+from swe_sphere.settings.values import place_and_complaint
+
+Positive = Annotated[float, Field(gt=0.0)]
+Count = Annotated[int, Field(ge=0, lt=2**53)]
+
+
+class _Read(BaseModel):
+    model_config = ConfigDict(strict=True, allow_inf_nan=False)
+
+
+class RunAttributes(_Read):
+    """Attributes of a run that are read again, where it has them; further ones may be anything."""
+
+    ne: Count = 1
+    np: Count = 3
+    radius: Positive = 1.0
+    stretch: Positive = 1.0
+    centre: Annotated[list[float], Field(min_length=2, max_length=2)] = [0.0, 0.0]
+    spin: float = 0.0
+    dt: Positive = 1.0
+    steps_at_once: Annotated[Count, Field(ge=1)] = 1
+    start_step: Count = 0
+    scene: str = ""
+    title: str = ""
+    run_id: str = ""
+    history: str = ""
+    code: str = ""
+    summary: str = ""
+    identity: str = ""
+    configuration: str = ""
+    plot_field: str = ""
+
+
+class CheckpointHeader(_Read):
+    """Header of a checkpoint; further entries are refused where the checkpoint is built."""
+
+    time: Annotated[float, Field(ge=0.0)]
+    steps: Count
+    stepper: str
+    arrays: list[str]
+    attributes: RunAttributes
+
+
+def mesh_of(attributes: Mapping[str, Any], nodes: int) -> Mesh:
+    """Return the mesh of a file that has these attributes and this number of nodes.
+
+    Raises ConfigError where the attributes describe no mesh or one of another size, which is
+    noticed before it is built.
+    """
+    values = {name: attributes[name] for name in MESH_ATTRIBUTES}
+    try:
+        RunAttributes.model_validate(values)
+    except ValidationError as error:
+        raise ConfigError(place_and_complaint(error)) from None
+    ne, np = values["ne"], values["np"]
+    if (expected := 6 * (ne * (np - 1)) ** 2 + 2) != nodes:
+        raise ConfigError(
+            f"ne={ne} and np={np} make {expected} nodes, and it has {nodes}: it holds a part of the"
+            " nodes, or is damaged"
+        )
+    return Mesh.build(**values)
