@@ -35,8 +35,8 @@ def exponential() -> Section:
     rows = [_outcome(name, dt, runs, rk4) for (name, dt), runs in found.items()]
     return Section(
         "Exponential steppers, williamson5, 15 days, ne16 np4: what accuracy costs",
-        "rk4 at 0.85 of its limit.  Right-hand-side equivalents are CPU time over that of one "
-        f"right-hand side; CPU / rk4 the least, and the median, of {ROUNDS} runs in turns.",
+        "rk4 runs at 0.85 of its limit. Right-hand-side equivalents are CPU time over that of one "
+        f"right-hand side. CPU / rk4 is the least, and the median, of {ROUNDS} interleaved runs.",
         ["stepper", "Δt [s]", "l2", "l2 vorticity", "right-hand sides", "tangent products",
          "Krylov vectors a step", "right-hand-side equivalents", "CPU [s]", "CPU / rk4"],
         rows,
@@ -74,9 +74,9 @@ def exponential_steps() -> Section:
             rows.append([f"{scene}, ne{ne} np4, day {days:g}", name, *errors])
     return Section(
         "Exponential steppers: error in time of the vorticity, by the advective Courant number",
-        "The Courant number is that of the fastest wind at the start and the finest spacing; l2 "
-        "of the difference to rk4 with half its step on the same mesh, whose smallest motion is "
-        "not resolved.",
+        "The Courant number is that of the fastest initial wind and the finest spacing. Errors "
+        "are l2 of the difference from rk4 with half its step on the same mesh, whose smallest "
+        "motions are not resolved.",
         ["scene", "stepper", *(f"{c:g}" for c in COURANT)],
         rows,
     )

@@ -43,11 +43,11 @@ def newton() -> Section:
             print(*rows[-1], sep=" | ", flush=True)  # noqa: T201 - a run takes a while
     return Section(
         f"ne12 np4, {DAYS:.0f} days: Newton / Krylov iterations a step by forcing term and guess",
-        "First number of a column: how exactly each linear system of a stage is solved.  "
-        "Second: the part of the change of slope of the stage before that the guess of a stage "
-        "follows (bdf2 extrapolates its states and has none).  Chosen: "
-        f"{dirk.ESDIRK4.followed:g} for sdirk3 and esdirk4, "
-        f"{dirk.TRBDF2.followed:g} for tr-bdf2, which longer runs made worse with it.",
+        "The first number of a column is the forcing term: how accurately each linear system of a "
+        "stage is solved. The second is the fraction of the change of slope of the preceding stage "
+        "that the guess of a stage includes (bdf2 extrapolates its states and has none). The "
+        f"package uses {dirk.ESDIRK4.followed:g} for sdirk3 and esdirk4 and "
+        f"{dirk.TRBDF2.followed:g} for tr-bdf2, which needs more iterations with it in longer runs.",
         ["scene", "stepper", "Δt [s]", *(f"{first:g}, {part:g}" for first, part in CHOICES)],
         rows,
     )
@@ -70,7 +70,8 @@ def forcing() -> Section:
             print(*rows[-1], sep=" | ", flush=True)  # noqa: T201 - a run takes a while
     return Section(
         "ne6 np4, 1 day: Newton / Krylov iterations a step by forcing terms",
-        "Fixed at 0.02, or following what the linear model missed in the step before.",
+        "The forcing term is fixed at 0.02, or follows the error of the linear model in the "
+        "preceding step.",
         ["scene", "stepper", "Δt [s]", "0.02", "following"],
         rows,
     )

@@ -37,9 +37,10 @@ def race() -> Section:
     rows += _race_on("ne16 np4, stretched 4", stretched, refined)
     return Section(
         "williamson5, 15 days: what accuracy costs in time",
-        "Explicit steppers at 0.85 of their stability limit.  The gravity limit is that of "
-        "leapfrog without filter, 1/ρ.  l2 near the mountain: within 30° of it.  Right-hand-side "
-        "equivalents are CPU time over that of one right-hand side, from before and after the run.",
+        "Explicit steppers run at 0.85 of their stability limit. The gravity limit is that of "
+        "leapfrog without filter, 1/ρ. The column \"near the mountain\" covers 30° around it. "
+        "Right-hand-side equivalents are CPU time over that of one right-hand side, measured "
+        "before and after the run.",
         ["mesh", "stepper", "Δt [s]", "Δt / gravity limit", "l2", "l2 near the mountain",
          "l2 vorticity", "Newton / Krylov a step", "wall [s]", "CPU [s]", "CPU / rk4",
          "right-hand-side equivalents"],
@@ -92,9 +93,9 @@ def drift() -> Section:
     drift_figure({name: results[1].energy_drift for name, results in runs.items()}, DOCS / figure)
     return Section(
         "williamson5, ne8 np4, 15 days: relative change of energy by Δt",
-        "Solver tolerance 1e-6.  The schemes without damping keep the energy to the solver "
-        "tolerance or to their order; the others dissipate the gravity waves of the start.  The "
-        f"figure has the days of the runs at {DRIFT_STEPS[1]:.0f} s.",
+        "Solver tolerance 1e-6. Schemes without damping conserve energy to the solver tolerance or "
+        "to their order; the others dissipate the gravity waves of the initial state. The figure "
+        f"shows the runs at {DRIFT_STEPS[1]:.0f} s by day.",
         ["stepper", *(f"{dt:.0f} s" for dt in DRIFT_STEPS)],
         [[name, *(f"{r.energy_drift[-1]:+.1e}" for r in made)] for name, made in runs.items()],
         figure,

@@ -40,7 +40,7 @@ def steady() -> Section:
         print(*rows[-1], sep=" | ", flush=True)  # noqa: T201 - a run takes a while
     return Section(
         "williamson2, ne8 np8, 5 days: the error of a steady state does not depend on the step",
-        "A step that the solver cannot take at once is taken in parts (rejected).",
+        "A step that the solver cannot take as a whole is divided (rejected).",
         ["stepper", "preconditioner", "Δt [s]", "l2(h)", "l2(V)", "Newton / Krylov a step",
          "rejected", "wall [s]"],
         rows,
@@ -62,7 +62,8 @@ def counts() -> Section:
             rows.append([label, name, *(str(count) for count, _ in solves)])
     return Section(
         "williamson5, 6 hours in: Krylov iterations of one Newton step to 1e-2, by Δt",
-        "Implicit step τ = Δt/2.  401 stands for no convergence in 400.",
+        "One Newton step to 1e-2 of williamson5 after 6 hours, with implicit part τ = Δt/2. The "
+        "value 401 means no convergence in 400 iterations.",
         ["mesh", "preconditioner", *(f"{dt:.0f} s" for dt in steps)],
         rows,
     )
@@ -90,7 +91,7 @@ def price() -> Section:
             )  # fmt: skip
     return Section(
         "Price of a Jacobian product and of a preconditioner application",
-        "Medians of interleaved batches, in right-hand sides.",
+        "Medians of interleaved batches, in units of one right-hand side.",
         ["mesh", "preconditioner", "right-hand side [ms]", "tangent", "application", "set-up [s]"],
         rows,
     )
@@ -111,9 +112,9 @@ def long_steps() -> Section:
             rows.append([scene, f"{courant}", f"{2.0 * tau / HOUR:.1f}", *map(str, counts)])
     return Section(
         "ne8 np4, 8 hours in: Krylov iterations by the advective Courant number of a step",
-        "One Newton step to 1e-2, τ = Δt/2; 401 stands for no convergence in 400.  The Courant "
-        "number is that of the fastest wind and the shortest distance of nodes.  The last column "
-        "has factors of the state two hours before.",
+        "One Newton step to 1e-2, τ = Δt/2; 401 means no convergence in 400 iterations. The "
+        "Courant number is that of the fastest wind and the shortest distance of nodes. The "
+        "last column uses factors of the state two hours earlier.",
         ["scene", "Courant number", "Δt [h]", "helmholtz", "helmholtz-direct", "jacobian-direct",
          "two hours old"],
         rows,
