@@ -43,9 +43,9 @@ for _ in range(9):
 
 HEAD = f"""# How long a run takes to start
 
-A short run with compiled kernels takes 0.6 s with `rk4` and up to 1.1 s with other steppers, from the
-command line to its end. Most of it is the import of numpy, scipy, Warp and netCDF4, each where it
-is first needed.
+A short run with compiled kernels takes 0.6 s with `rk4` and up to 1.1 s with other steppers, from
+the command line to its end. Most of it is the import of numpy, scipy, Warp and netCDF4, each where
+it is first needed.
 
 Made by `python benchmarks/start_up.py`: `swe-sphere {" ".join(RUN)}` with several steppers. The
 steps themselves take a hundredth of a second. With an empty cache a kernel is compiled in 0.1 to
