@@ -9,7 +9,6 @@ from types import SimpleNamespace
 
 import pytest
 import warp as wp
-from matplotlib.figure import Figure
 
 from swe_sphere import compiling
 from swe_sphere.mesh import Mesh
@@ -17,7 +16,7 @@ from swe_sphere.pictures import plot
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.studies.report import page
+from swe_sphere.studies.report import figures
 from swe_sphere.studies.sweep import engine
 
 wp.config.log_level = wp.LOG_WARNING
@@ -63,7 +62,7 @@ def own_classes_are_forgotten():
 @pytest.fixture
 def blank_figures(monkeypatch):
     """Pages of sweeps have figures in which nothing is drawn: for tests of their words."""
-    monkeypatch.setattr(page, "render", lambda *_: Figure(figsize=(1.0, 1.0)))
+    monkeypatch.setattr(figures, "svg_text", lambda *_: "<svg/>")
 
 
 @pytest.fixture(scope="session")

@@ -50,7 +50,7 @@ def test_where_the_budget_is_short_shorter_runs_are_measured(monkeypatch) -> Non
     assert (advice.days, advice.of_days) == (0.5, 2.0)
     assert advice.ranking.targets == [0.025]
     assert advice.config.days == 2.0 and advice.config.stepper == "rk4"
-    assert advice.ranking.winners(0)[0][advice.ranking.metric] <= 0.025
+    assert advice.ranking.winners(0).iloc[0][advice.ranking.metric] <= 0.025
 
 
 def test_a_search_keeps_to_its_budget() -> None:

@@ -255,15 +255,6 @@ def test_notes_are_those_of_the_sweeps_that_have_them(swe, tmp_path):
     assert page.endswith("|['still', 'flow']|{'still': 'steady', 'flow': 'mine'}")
 
 
-@pytest.mark.parametrize("claim", ['"x"', "{gravity = 30}", '{gravity = "x", advective = 1}'])
-def test_a_claim_that_is_none_is_told_before_anything_runs(swe, tmp_path, claim):
-    recipe = RECIPE.replace('note = "steady"', f"claim = {claim}")
-    (tmp_path / "two.toml").write_text(recipe)
-    status, _, err = swe("--recipe", "two.toml", "--out", "d")
-    assert status == 2 and "claim: williamson2" in err and err.count("\n") == 1
-    assert not (tmp_path / "d").exists()
-
-
 def test_a_report_is_made_while_other_sweeps_have_yet_to_begin(swe, tmp_path):
     (tmp_path / "two.toml").write_text(RECIPE)
     assert swe("--recipe", "two.toml", "--out", "d")[0] == 0

@@ -213,7 +213,7 @@ def test_the_recipes_of_the_package_are_plans():
     for scene in scenes:
         tried = {name for plan in evans if plan.scene == scene for name in plan.steppers}
         assert {"leapfrog", "rk4", "semi-implicit", "tr-bdf2", "bdf2"} <= tried
-    assert set(load_recipe("evans2010").claims) == {*scenes}
+    assert set(load_recipe("evans2010").notes) == {*scenes}
     assert len(load_recipe("quick").plans({})) == 1
     for name in ("regimes", "regimes-quick"):
         recipe = load_recipe(name)

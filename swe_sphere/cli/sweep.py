@@ -228,7 +228,7 @@ def _show_rankings(found: Sequence[Ranking]) -> None:
     """The headline and the table of each, and how to read the last."""
     for ranking in found:
         typer.echo(ranking.headline)
-        if any(run is not None for row in ranking.lines.values() for run in row[:-1]):
+        if ranking.answered is not None:
             print_table(ranking.heads, ranking.body)
     if found:
         typer.echo(found[-1].caption)

@@ -122,10 +122,11 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
             " ask for a larger one"
         )
     for ranking in sweep_rankings(dataset):
-        if winners := ranking.winners(0):
-            best, named = winners[0], {get_stepper(name).name: name for name in question.steppers}
-            chosen = {"stepper": named[best.stepper], "dt": float(f"{best['dt']:.5g}")}
-            chosen |= {"preconditioner": best.preconditioner} if best.preconditioner else {}
+        for best in ranking.winners(0).to_dict("records"):
+            named = {get_stepper(name).name: name for name in question.steppers}
+            chosen = {"stepper": named[best["stepper"]], "dt": float(f"{best['dt']:.5g}")}
+            if best["preconditioner"]:
+                chosen["preconditioner"] = best["preconditioner"]
             return Advice(days, whole, ranking, make_config(common | chosen))
     raise ConfigError(
         f"error: no step is found that keeps to {question.error:g} over {whole:g} days: ask for a"

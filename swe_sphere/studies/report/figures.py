@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from base64 import b64encode
+from collections.abc import Callable, Iterator
+from functools import partial
 from io import StringIO
 from operator import itemgetter
 from typing import Any, NamedTuple
@@ -70,79 +72,86 @@ def look(stepper: str) -> Look:
     return Look(COLOURS[place % len(COLOURS)], MARKERS[place // 7 % len(MARKERS)])
 
 
-@dataclass(frozen=True, eq=False)
-class Diagram:
-    """Curves through runs of one mesh that can be drawn: a column against another."""
+def _colour(stepper: str) -> str:
+    return look(stepper).colour
+
+
+class Picture(NamedTuple):
+    """A figure of a sweep."""
 
     name: str
-    """Part of the name of its file."""
+    """Name of its file."""
     title: str
     caption: str
-    x: str
-    x_label: str
-    y: str | Metric
-    y_label: str
-    runs: pd.DataFrame
-    """Runs on the curves."""
-    marked: pd.DataFrame
-    """Runs on the Pareto front, or against the step the failed ones."""
+    svg: str
+
+    @property
+    def inline(self) -> str:
+        """Address of the figure that contains all of it."""
+        return f"data:image/svg+xml;base64,{b64encode(self.svg.encode()).decode()}"
 
 
-def error_diagrams(runs: pd.DataFrame, metric: Metric) -> list[Diagram]:
-    """Return the diagrams of an error on one mesh: against the cost and against the step."""
-    clock, (label, _, _) = runs["clock"].iloc[0], metric.label.partition(" at day")
-    cost = Diagram(
-        f"{metric.name}_time", f"Error against {clock}", f"{metric.label}. {FRONT}",
-        "cost", f"{clock} of the steps [s]", metric, label,
-        with_cost(runs, metric), pareto(runs, metric),
-    )  # fmt: skip
-    step = _by_step(runs, metric, f"{metric.name}_step", "Error against Δt", metric.label, label)
-    return [diagram for diagram in (cost, step) if len(diagram.runs)]
+def error_pictures(runs: pd.DataFrame, metric: Metric, where: str) -> Iterator[Picture]:
+    """Draw an error on one mesh against the cost and against the step, where runs are known.
+
+    where: first part of the names of files.
+    """
+    (label, _, _), timed = metric.label.partition(" at day"), with_cost(runs, metric)
+    if len(timed):
+        clock = timed["clock"].iloc[0]
+        axes = f"{clock} of the steps [s]", label
+        svg = _drawn(timed, "cost", metric, axes, partial(_mark_front, runs=timed, y=metric))
+        title = f"Error against {clock}"
+        yield Picture(f"{where}-{metric.name}_time.svg", title, f"{metric.label}. {FRONT}", svg)
+    name, title = f"{where}-{metric.name}_step.svg", "Error against Δt"
+    yield from _by_step(runs, metric, name, title, metric.label, label)
 
 
-def other_diagrams(runs: pd.DataFrame) -> list[Diagram]:
-    """Return the diagrams of iterations and energy, which do not depend on the choice of error."""
+def other_pictures(runs: pd.DataFrame, where: str) -> Iterator[Picture]:
+    """Draw iterations and energy, which do not depend on the choice of error."""
     krylov, drift = runs["krylov_a_step"], runs["energy_drift"].abs()
     runs = runs.assign(krylov_a_step=krylov.where(krylov > 0.0), energy_drift=drift)
-    found = (
-        _by_step(runs, "krylov_a_step", "krylov_iterations", "Krylov iterations a step",
-                 "Explicit steppers have none", "Krylov iterations a step"),
-        _by_step(runs, "energy_drift", "energy_drift", "Drift of energy",
-                 "Size of the relative change over the run", "|relative change of energy|"),
-    )  # fmt: skip
-    return [diagram for diagram in found if len(diagram.runs)]
+    name, title = f"{where}-krylov_iterations.svg", "Krylov iterations a step"
+    yield from _by_step(runs, "krylov_a_step", name, title, "Explicit steppers have none", title)
+    name, what = f"{where}-energy_drift.svg", "Size of the relative change over the run"
+    label = "|relative change of energy|"
+    yield from _by_step(runs, "energy_drift", name, "Drift of energy", what, label)
 
 
 def _by_step(
     runs: pd.DataFrame, y: str | Metric, name: str, title: str, what: str, label: str
-) -> Diagram:
+) -> Iterator[Picture]:
     shown = runs[runs["compared"] & (runs["dt"] > 0.0) & np.isfinite(runs[y])]
-    caption, failed = f"{what}. {LIMITS}", runs[runs["status"].isin(FAILED)]
-    return Diagram(name, title, caption, "dt", "Δt [s]", y, label, shown, failed)
+    if len(shown):
+        failed = runs[runs["status"].isin(FAILED)]
+        mark = partial(_mark_limits, runs=shown, failed=failed)
+        svg = _drawn(shown, "dt", y, ("Δt [s]", label), mark)
+        yield Picture(name, title, f"{what}. {LIMITS}", svg)
 
 
-def render(diagram: Diagram) -> Figure:
-    """Draw a diagram."""
-    runs, marked, x, y = diagram.runs, diagram.marked, diagram.x, diagram.y
+def _drawn(
+    runs: pd.DataFrame, x: str, y: str | Metric, labels: tuple[str, str],
+    mark: Callable[[Axes], None],
+) -> str:  # fmt: skip
+    """Draw curves through runs, a column against another; mark: draws what is below them."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=SIZE, layout="constrained")
         axes = figure.subplots()
-        if x == "dt":
-            colours = [look(stepper).colour for stepper in marked["stepper"]]
-            axes.scatter(marked["dt"], [0.98] * len(marked), c=colours, s=22.0, marker="x",
-                         transform=axes.get_xaxis_transform())  # fmt: skip
-            _mark_limits(axes, runs)
-        else:
-            front = marked[x], marked[y].clip(lower=SMALLEST)
-            axes.plot(*front, color=INK, linewidth=3.5, alpha=0.12, drawstyle="steps-post")
-            axes.scatter(*front, 95.0, facecolors="none", edgecolors=INK, linewidths=0.9, zorder=4)
-            least = np.maximum(runs["least"], 0.1 * runs["cost"])  # zero is not on the axis
-            colours = [look(stepper).colour for stepper in runs["stepper"]]
-            heights = runs[y].clip(lower=SMALLEST)
-            axes.hlines(heights, least, runs["most"], colours, linewidth=2.6, alpha=0.4)
+        mark(axes)
         _draw_curves(axes, runs, x, y)
-        finish(axes, diagram.x_label, diagram.y_label)
-    return figure
+        finish(axes, *labels)
+    return svg_text(figure, str(y))
+
+
+def _mark_front(axes: Axes, runs: pd.DataFrame, y: Metric) -> None:
+    """Ring the runs on the Pareto front, and draw how well the costs of all are known."""
+    best = pareto(runs, y)
+    front = best["cost"], best[y].clip(lower=SMALLEST)
+    axes.plot(*front, color=INK, linewidth=3.5, alpha=0.12, drawstyle="steps-post")
+    axes.scatter(*front, 95.0, facecolors="none", edgecolors=INK, linewidths=0.9, zorder=4)
+    least = np.maximum(runs["least"], 0.1 * runs["cost"])  # zero is not on the axis
+    colours, heights = [*map(_colour, runs["stepper"])], runs[y].clip(lower=SMALLEST)
+    axes.hlines(heights, least, runs["most"], colours, linewidth=2.6, alpha=0.4)
 
 
 def _draw_curves(axes: Axes, runs: pd.DataFrame, x: str, y: str | Metric) -> None:
@@ -161,8 +170,10 @@ def _draw_curves(axes: Axes, runs: pd.DataFrame, x: str, y: str | Metric) -> Non
     )  # fmt: skip
 
 
-def _mark_limits(axes: Axes, runs: pd.DataFrame) -> None:
-    """Draw vertical lines at the gravity-wave and the advective limit of the step."""
+def _mark_limits(axes: Axes, runs: pd.DataFrame, failed: pd.DataFrame) -> None:
+    """Draw lines at the gravity-wave and the advective limit, and crosses at steps that failed."""
+    axes.scatter(failed["dt"], [0.98] * len(failed), c=[*map(_colour, failed["stepper"])], s=22.0,
+                 marker="x", transform=axes.get_xaxis_transform())  # fmt: skip
     for title, side in (("gravity limit", "right"), ("advective limit", "left")):
         limits = runs[title.replace(" ", "_")]
         known = limits[limits.between(0.0, math.inf, inclusive="neither")]

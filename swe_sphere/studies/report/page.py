@@ -7,15 +7,16 @@ import math
 import os
 import re
 import tomllib
-from base64 import b64encode
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import chain
 from numbers import Real
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from markupsafe import Markup, escape
 from xarray import Dataset
@@ -23,26 +24,16 @@ from xarray import Dataset
 from swe_sphere.files.durable import clear_errors, write_whole
 from swe_sphere.studies import words
 from swe_sphere.studies.pages import rendered
-from swe_sphere.studies.report.figures import (
-    Diagram,
-    error_diagrams,
-    other_diagrams,
-    render,
-    svg_text,
-)
+from swe_sphere.studies.report.figures import Picture, error_pictures, other_pictures
 from swe_sphere.studies.report.ranking import (
-    BASELINE,
     REPEATABLE,
-    SLACK,
     Metric,
     Ranking,
-    largest_step,
     metrics,
     rankings,
     read_runs,
-    threshold,
 )
-from swe_sphere.studies.sweep.sweep_plan import Claim, Recipe
+from swe_sphere.studies.sweep.sweep_plan import Recipe
 
 TITLE = "What accuracy costs in time"
 COLUMNS = Path(__file__).with_name("templates") / "columns.toml"
@@ -60,10 +51,16 @@ class Section:
     runs: pd.DataFrame
     rankings: list[Ranking]
     """The one to rank by first."""
-    figures: list[list[Diagram]]
-    """Figures of the error of each ranking."""
-    others: list[Diagram]
-    """Figures of iterations and conservation."""
+
+    @cached_property
+    def figures(self) -> list[list[Picture]]:
+        """Figures of the error of each ranking."""
+        return [[*error_pictures(self.runs, of.metric, self.name)] for of in self.rankings]
+
+    @cached_property
+    def others(self) -> list[Picture]:
+        """Figures of iterations and conservation."""
+        return [*other_pictures(self.runs, self.name)]
 
     @property
     def anchor(self) -> str:
@@ -99,16 +96,12 @@ def read_sections(datasets: Dataset | Mapping[str, Dataset]) -> list[Section]:
     for title, dataset in datasets.items():
         plan = json.loads(dataset.attrs.get("plan", "{}"))
         own = float(dataset.attrs.get("converged_check", math.nan))
-        target = plan.get("target_error")
+        levels = np.atleast_1d(plan.get("target_error") or [])
         for where, runs in read_runs(dataset).groupby(["scene", "mesh"], sort=False):
-            if target is None:
-                ranked = rankings(runs, metrics(runs), ", ".join(where), own)
-            else:
-                tried = runs[runs["role"] == "target"]
-                ranked = rankings(tried, _searched(tried, plan), ", ".join(where), own, [target])
-            figures = [error_diagrams(runs, ranking.metric) for ranking in ranked]
-            others = other_diagrams(runs)
-            sections.append(Section(title, where[1], dataset, runs, ranked, figures, others))
+            tried = runs[runs["role"] == "target"] if levels.size else runs
+            found = _searched(tried, plan) if levels.size else metrics(runs)
+            ranked = rankings(tried, found, ", ".join(where), own, levels.tolist())
+            sections.append(Section(title, where[1], dataset, runs, ranked))
     return sections
 
 
@@ -146,39 +139,6 @@ def run_table(runs: pd.DataFrame, short: bool = False) -> pd.DataFrame:
     return pd.DataFrame(shown)
 
 
-def _verdicts(section: Section, claim: Claim) -> Iterator[list[str]]:
-    """Yield lines of a table: the longest steps without loss, and whether that is as claimed.
-
-    Of steppers that took steps of as many gravity-wave limits as are claimed.
-    """
-    runs = section.runs
-    total = {metric.field: metric for metric in metrics(runs) if metric.kind == "total"}
-    shown = [total[field] for field in ("h", "vorticity") if field in total]
-    claimed = f"{words.times(claim.gravity)}, {words.times(claim.advective)}"
-    for label, curve in runs[runs["compared"]].groupby("curve"):
-        longest = curve.loc[curve["dt"].idxmax()]
-        if longest.gravity_multiple < claim.gravity:
-            continue
-        steps = [largest_step(curve, metric, threshold(runs, metric)) for metric in shown]
-        met = [
-            "yes" if run is not None and run.gravity_multiple >= claim.gravity
-            and run.advective_multiple >= claim.advective else "no"
-            for run in steps
-        ]  # fmt: skip
-        each = [f"{answer} ({m.symbol})" for answer, m in zip(met, shown, strict=True)]
-        verdict = met[0] if len({*met}) == 1 else ", ".join(each)
-        cells = map(_step_text, (*steps, longest))
-        yield [f"{section.title}, {section.mesh}", label, claimed, verdict, *cells]
-
-
-def _step_text(run: pd.Series | None) -> str:
-    """Return the step of a run with the multiples of its limits."""
-    if run is None:
-        return "none"
-    multiples = f"{words.times(run.gravity_multiple)}, {words.times(run.advective_multiple)}"
-    return f"{words.step(run['dt'])} ({multiples})"
-
-
 def write_report(
     datasets: Dataset | Mapping[str, Dataset],
     out: str | os.PathLike[str],
@@ -190,43 +150,31 @@ def write_report(
 
     datasets: what `sweep` returns, or several by name: a section each.
     title: of the page; empty: the recipe's, or the first dataset's.
-    recipe: of the sweeps; its introduction, notes and claims are shown, and README.md written too.
+    recipe: of the sweeps; its introduction and notes are shown, and README.md is written too.
     Returns the path of index.html.  Raises ConfigError if a dataset is not one of a sweep or the
     folder cannot be made, RunFailed if the disk refuses; each file is the old one or the new one.
     """
     with clear_errors(f"cannot write the report to {out}"):
         Path(out).mkdir(parents=True, exist_ok=True)
     out, sections = Path(out), read_sections(datasets)
-    pictures = {
-        diagram: (f"{section.name}-{diagram.name}.svg", svg_text(render(diagram), section.name))
-        for section in sections
-        for diagram in chain(*section.figures, section.others)
-    }
-    for name, svg in pictures.values():
-        write_whole(out / name, svg)
+    for section in sections:
+        for picture in chain(*section.figures, section.others):
+            write_whole(out / picture.name, picture.svg)
     told = recipe.title if recipe else sections[0].dataset.attrs.get("title")
     values = {
         "title": title or told or TITLE, "sections": sections, "recipe": recipe,
         "notes": recipe.notes if recipe else {},
     }  # fmt: skip
-    inline = {
-        diagram: f"data:image/svg+xml;base64,{b64encode(svg.encode()).decode()}"
-        for diagram, (_, svg) in pictures.items()
-    }
-    write_whole(out / "index.html", _rendered("report.html.j2", **values, pictures=inline))
+    write_whole(out / "index.html", _rendered("report.html.j2", **values))
     if recipe is not None:
-        claimed = [section for section in sections if section.title in recipe.claims]
-        verdicts = [line for of in claimed for line in _verdicts(of, recipe.claims[of.title])]
-        names = {diagram: name for diagram, (name, _) in pictures.items()}
-        page = _rendered("page.md.j2", **values, pictures=names, verdicts=verdicts)
-        write_whole(out / "README.md", page)
+        write_whole(out / "README.md", _rendered("page.md.j2", **values))
     return out / "index.html"
 
 
 def _rendered(template: str, **values: Any) -> str:
     return rendered(
         "swe_sphere.studies.report", template, _link_rows, _attribute, run_table,
-        **values, repeatable=REPEATABLE, slack=SLACK, baseline=BASELINE,
+        **values, repeatable=REPEATABLE,
     )  # fmt: skip
 
 

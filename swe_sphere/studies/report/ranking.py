@@ -42,8 +42,6 @@ VARIANT = ("preconditioner", "precision", "device", "settings")
 GAIN = 0.01
 """A dearer run whose error is smaller by less than this part is not on the Pareto front."""
 MOST_TARGETS = 5
-SLACK = 1.1
-BASELINE = "leapfrog"
 FAILED = ("unstable", "solver-failed")
 """Status of runs whose scheme failed."""
 ANSWERED = {"slow": ("vorticity", "h", "v"), "total": ("h", "v", "vorticity"),
@@ -185,19 +183,19 @@ def pareto(runs: pd.DataFrame, metric: Metric) -> pd.DataFrame:
     return found[found[metric] < (1.0 - GAIN) * least]
 
 
-def smallest(runs: pd.DataFrame, metric: Metric) -> pd.Series | None:
-    """The run with the smallest error; of equal ones the cheapest."""
-    found = candidates(runs, metric).sort_values([metric, "cost"])
-    return None if found.empty else found.iloc[0]
+def smallest(runs: pd.DataFrame, metric: Metric) -> pd.DataFrame:
+    """The run of each curve with the smallest error, by rising error and cost."""
+    return candidates(runs, metric).sort_values([metric, "cost"]).drop_duplicates("curve")
 
 
-def cheapest(runs: pd.DataFrame, metric: Metric, target: float) -> pd.Series | None:
-    """The cheapest run within the target error; the longest step where none is timed."""
+def cheapest(runs: pd.DataFrame, metric: Metric, target: float) -> pd.DataFrame:
+    """The cheapest run of each curve within the target error, by rising cost.
+
+    Of a curve without timed runs the longest step; such curves come last.
+    """
     good = candidates(runs, metric)
     good = good[good[metric] <= target].sort_values("dt", ascending=False, kind="stable")
-    if good["timed"].any():
-        good = good.sort_values("cost", kind="stable")
-    return None if good.empty else good.iloc[0]
+    return good.sort_values("cost", kind="stable").drop_duplicates("curve")
 
 
 def targets(best: Iterable[float], resolved: float = 0.0) -> list[float]:
@@ -222,49 +220,42 @@ def targets(best: Iterable[float], resolved: float = 0.0) -> list[float]:
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """Who reaches which error at which cost, on one mesh."""
+    """Which stepper reaches which error at which cost, on one mesh."""
 
     where: str
     """For example "williamson5, ne16 np4"."""
     metric: Metric
     targets: list[float]
     """Falling."""
-    lines: dict[str, list[pd.Series | None]]
-    """For each curve the cheapest run for each target, and the run of its smallest error."""
+    runs: pd.DataFrame
+    """All runs on the mesh, by number."""
+    table: pd.DataFrame
+    """For each curve the number of its cheapest run for each target, and of the run with its
+    smallest error; 0 where there is none."""
     note: str = ""
     """What to keep in mind."""
 
-    def _timed(self, target: int) -> list[pd.Series]:
-        """The cheapest run of each curve for a target, by rising cost."""
-        found = [of for row in self.lines.values() if (of := row[target]) is not None and of.timed]
-        return sorted(found, key=lambda run: run.cost)
+    def reached(self, target: int) -> pd.DataFrame:
+        """The cheapest timed run of each curve for a target, by rising cost."""
+        found = self.runs.loc[self.table[target][self.table[target] > 0]]
+        return found[found["timed"]].sort_values("cost", kind="stable")
 
-    def winners(self, target: int) -> list[pd.Series]:
-        """The cheapest run for a target, by its number, and those that cannot be told from it."""
-        found = self._timed(target)
-        return [run for run in found if run.least <= found[0].most]
-
-    def next_after(self, target: int) -> pd.Series | None:
-        """The cheapest run for a target that is dearer than the winners."""
-        found = self._timed(target)
-        return next((run for run in found if run.least > found[0].most), None)
+    def winners(self, target: int) -> pd.DataFrame:
+        """The cheapest run for a target, and those whose costs cannot be distinguished from it."""
+        found = self.reached(target)
+        return found[found["least"] <= found["most"].head(1).max()]
 
     @property
     def clock(self) -> str:
         """Name of the time that steppers are ranked by; empty where none was taken."""
-        runs = (run for row in self.lines.values() for run in row if run is not None)
-        return next((run.clock for run in runs if run.timed), "")
+        return next(iter(with_cost(self.runs, self.metric)["clock"]), "")
 
     @property
     def answered(self) -> int | None:
         """The target of the headline: the smallest that two steppers reach, or else one."""
-        reached = [
-            sum(of is not None for of in row) for row in zip(*self.lines.values(), strict=True)
-        ]
-        for fewest in (2, 1):
-            if told := [i for i, count in enumerate(reached[:-1]) if count >= fewest]:
-                return told[-1]
-        return None
+        counts = [(self.table[i] > 0).sum() for i in range(len(self.targets))]
+        told = [i for fewest in (1, 2) for i, count in enumerate(counts) if count >= fewest]
+        return told[-1] if told else None
 
     @property
     def heads(self) -> list[str]:
@@ -274,14 +265,18 @@ class Ranking:
     @cached_property
     def body(self) -> list[list[str]]:
         """The lines of the table: names, then step, cost and error, marked where the cheapest."""
-        best = [{run.number for run in self.winners(i)} for i in range(len(self.targets))]
-        return [[curve, *map(self._cell, row, [*best, set()])] for curve, row in self.lines.items()]
+        best = [self.winners(i)["number"].tolist() for i in range(len(self.targets))]
+        return [
+            [str(curve), *map(self._cell, numbers, [*best, []])]
+            for curve, numbers in zip(self.table.index, self.table.values.tolist(), strict=True)
+        ]
 
-    def _cell(self, run: pd.Series | None, best: set[int]) -> str:
-        if run is None:
+    def _cell(self, number: int, best: list[int]) -> str:
+        if number == 0:
             return words.NOTHING
-        mark = "" if run.number not in best else BEST if len(best) == 1 else TIE
-        seconds = f" {words.seconds(run.cost)}," if run.timed else ""
+        run = self.runs.loc[number]
+        mark = "" if number not in best else BEST if len(best) == 1 else TIE
+        seconds = f" {words.seconds(run['cost'])}," if run["timed"] else ""
         return f"{mark}{words.step(run['dt'])},{seconds} {words.error(run[self.metric])}"
 
     @property
@@ -304,59 +299,20 @@ def rankings(
     runs: of one mesh.  where: name of scene and mesh.  own: error in time of the converged run;
     smaller targets are left out.  levels: the targets; none: round ones that steppers reach.
     """
-    by_name = {(metric.kind, metric.field): metric for metric in found}
-    curves, made = dict(iter(runs.groupby("curve"))), []
+    by_name, made = {(metric.kind, metric.field): metric for metric in found}, []
     for kind, order in ANSWERED.items():
         metric = next((by_name[kind, of] for of in order if (kind, of) in by_name), None)
-        if metric is None:
+        if metric is None or (best := smallest(runs, metric)).empty:
             continue
-        best = {name: smallest(of, metric) for name, of in curves.items()}
-        reached = {name: run for name, run in best.items() if run is not None}
         # the check of the converged run is on its depth
         resolved = own if (kind, metric.field) == ("time", "h") and own > 0.0 else 0.0
-        wanted = sorted(levels, reverse=True)
-        wanted = wanted or targets((run[metric] for run in reached.values()), resolved)
-        cells = {
-            name: [cheapest(curves[name], metric, t) if t >= resolved else None for t in wanted]
-            + [run]
-            for name, run in reached.items()
-        }
-        costs = {
-            name: [run.cost if run is not None and run.timed else math.inf for run in row]
-            for name, row in cells.items()
-        }
-        lines = {name: cells[name] for name in sorted(cells, key=costs.__getitem__)}
+        wanted = sorted(levels, reverse=True) or targets(best[metric], resolved)
+        columns = [cheapest(runs, metric, t) if t >= resolved else best.head(0) for t in wanted]
+        table = pd.DataFrame({i: of.set_index("curve")["number"]
+                              for i, of in enumerate([*columns, best])})  # fmt: skip
+        table = table.fillna(0).astype(int)
+        costs = table.apply(lambda numbers: numbers.map(runs["cost"])).fillna(math.inf)
+        table = table.loc[costs.sort_values([*costs]).index]
         note = prose("unresolved", wanted[-1], own) if wanted and wanted[-1] < resolved else ""
-        if lines:
-            made.append(Ranking(where, metric, wanted, lines, note))
+        made.append(Ranking(where, metric, wanted, runs, table, note))
     return made
-
-
-def threshold(runs: pd.DataFrame, metric: Metric) -> float:
-    """Up to which error nothing is lost, among runs of one mesh; -inf where no run has one.
-
-    The largest of SLACK times the smallest error that any stepper reaches, SLACK times the
-    error of the run converged in time, which no step can be blamed for, and the error of the
-    baseline stepper at its largest completed step: who is as good as the explicit scheme at the
-    step that one would run it with has lost nothing (Evans, Taylor & Drake 2010 compare so).
-    """
-    compared = candidates(runs, metric).sort_values("dt", kind="stable")
-    exact = runs[(runs["role"] == "converged") & runs[metric].notna()].sort_values("dt")
-    slack = [compared[metric].min(), *exact[metric].head(1)]
-    base = compared.loc[compared["stepper"] == BASELINE, metric].tail(1)
-    return -math.inf if compared.empty else max([*(SLACK * error for error in slack), *base])
-
-
-def largest_step(runs: pd.DataFrame, metric: Metric, limit: float) -> pd.Series | None:
-    """The run with the largest step up to which the error stays within a limit.
-
-    runs: of one stepper on one mesh.  Steps count from the smallest measured one up to the first
-    that fails or whose error exceeds the limit: a longer one beyond it that happens to have a
-    small error does not count.  A run that was cut short or refused says nothing either way.
-    None if the smallest step already exceeds it.
-    """
-    runs = runs.sort_values(["dt", metric], ascending=[True, False], na_position="first")
-    known = runs["compared"] & runs[metric].notna()
-    lost = (runs["status"].isin(FAILED) | (known & (runs[metric] > limit))).cummax()
-    good = runs[known & ~lost]
-    return None if good.empty else good.iloc[-1]

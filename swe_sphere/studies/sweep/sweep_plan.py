@@ -8,18 +8,12 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from swe_sphere.equations.scene import MOST_ELEMENTS, Scene
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.user_file import is_user_file
-from swe_sphere.settings.values import (
-    by_field,
-    names_in,
-    place_and_complaint,
-    read_toml,
-    validated,
-)
+from swe_sphere.settings.values import by_field, names_in, read_toml, validated
 from swe_sphere.simulation.build import make_mesh, make_scene
 from swe_sphere.simulation.config import (
     Days,
@@ -200,15 +194,6 @@ def _check_jobs(plan: SweepPlan, own: Scene | None) -> None:
 RECIPES = Path(__file__).with_name("recipes")
 
 
-class Claim(BaseModel):
-    """What others say: that steps of so many gravity-wave and advective limits lose no accuracy."""
-
-    gravity: float
-    advective: float
-    why: str = ""
-    """Markdown: what the runs say to it."""
-
-
 @dataclass(frozen=True)
 class Recipe:
     """Sweeps that belong together."""
@@ -220,8 +205,6 @@ class Recipe:
     """Markdown before the results of all."""
     notes: Mapping[str, str] = field(default_factory=dict)
     """Markdown after the results of a scene."""
-    claims: Mapping[str, Claim] = field(default_factory=dict)
-    """What the longest steps on a scene are held against."""
     mapped: bool = False
     """Whether one map of all sweeps is wanted, and no report of each."""
 
@@ -243,7 +226,7 @@ def load_recipe(name: str) -> Recipe:
     """The recipe of that name, or in the TOML file of that path.
 
     A file has a `title`, perhaps an `introduction`, keys that all sweeps share, and for each a
-    table [[sweep]], perhaps with a `note` or a `claim`; or just the keys of one sweep.  A table
+    table [[sweep]], perhaps with a `note`; or just the keys of one sweep.  A table
     [sweep.each] with lists by key makes a sweep of every combination.  With `map` there is one map
     of all.
     Raises ConfigError if there is no such recipe or it cannot be read.
@@ -260,13 +243,8 @@ def load_recipe(name: str) -> Recipe:
     if not isinstance(sweeps, list) or not all(isinstance(each, dict) for each in sweeps):
         raise ConfigError(f"{path}: sweeps are tables [[sweep]]")
     notes = {folder_of(table | each): str(each.pop("note")) for each in sweeps if "note" in each}
-    claims = {folder_of(table | each): each.pop("claim") for each in sweeps if "claim" in each}
     single = [by_field(one) for each in sweeps for one in _combinations(path, table | each)]
-    try:
-        checked = TypeAdapter(dict[str, Claim]).validate_python(claims)
-    except ValidationError as error:
-        raise ConfigError(f"claim: {place_and_complaint(error)}") from None
-    return Recipe(title, tuple(single), introduction, notes, checked, mapped)
+    return Recipe(title, tuple(single), introduction, notes, mapped)
 
 
 def folder_of(sweep: Mapping[str, Any]) -> str:
