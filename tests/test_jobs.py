@@ -131,7 +131,6 @@ def test_a_sweep_on_two_processes_finds_what_one_finds(tmp_path):
     "asked",
     [
         {"target_error": 1e-3, "dt": "auto"},
-        {"enough": 1e-2},
         {"find_limit": True, "days": 0.05, "dt": [2160]},
     ],
 )

@@ -1,38 +1,31 @@
-"""The map of regimes: costs at an error, break-even Froude numbers, and the page of a small map."""
+"""Maps of sweeps: the cheapest step of each family, break-even, and the page of a small map."""
 
 import math
 import re
-from itertools import pairwise
 
+import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
+from sweeps import make_sweep
 
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError
 from swe_sphere.studies import words
-from swe_sphere.studies.regimes import (
-    RegimeMap,
-    break_even,
-    cheapest_step,
-    ordered_places,
-    read_map,
-    write_map,
-)
+from swe_sphere.studies.regimes import best_steps, break_even, write_map
 from swe_sphere.studies.sweep.record import runs_of
-from swe_sphere.studies.sweep.sweep_plan import load_recipe
+from swe_sphere.studies.sweep.sweep_plan import Recipe, load_recipe
 
 RECIPE = """title = "a small map"
-map = true
+map = "froude"
 steppers = ["rk4", "forward-backward", "bdf2"]
 ne = 2
 np = 4
 days = 1
-longest = 21600
-levels = 4
 repeats = 1
 slow = true
 target-kind = "slow"
-enough = 3e-3
+target-error = [1e-2, 3e-3]
 [[sweep]]
 scene = "williamson5"
 [sweep.each]
@@ -41,81 +34,75 @@ scene = "williamson5"
 """
 
 
-def regimes(*places: tuple[float, list[tuple]], stretch: float = 1.0) -> RegimeMap:
-    """A map of winds with the runs there: stepper, step, cost, error."""
-    firsts = pd.DataFrame([
-        {"place": f"wind {speed:g}", "scene": "williamson5", "stretch": stretch,
-         "days_planned": 1.0, "settings": f"scene.speed={speed:g}", "gravity_limit": 300.0,
-         "advective_limit": 300.0 * (1.0 + 240.0 / speed)} for speed, _ in places
-    ])  # fmt: skip
-    lines = [(f"wind {speed:g}", *run) for speed, runs in places for run in runs]
-    runs = pd.DataFrame(lines, columns=["place", "stepper", "dt", "cost", "error"])
-    return RegimeMap(ordered_places(firsts.set_index("place")), runs)
+def place(speed: float, *runs: tuple[str, float, float, float], **others) -> xr.Dataset:
+    """A search for 1e-3 with a wind: stepper, step, cost and error of the runs."""
+    rows = [
+        {"stepper": stepper, "dt": dt, "cpu_seconds": cost, "role": "target",
+         "errors": {("slow", "vorticity"): error}, "settings": f"scene.speed={speed:g}",
+         "gravity_limit": 300.0, "advective_limit": 300.0 * (1.0 + 240.0 / speed)} | others
+        for stepper, dt, cost, error in runs
+    ]  # fmt: skip
+    return make_sweep(*rows, plan='{"target_error": [1e-3], "target_kind": "slow"}')
 
 
-def best(found: RegimeMap, family: str, error: float) -> tuple | None:
-    """Stepper, step and cost of the first place."""
-    offers = found.best(error)
-    lines = offers.loc[offers["family"] == family, ["stepper", "dt", "cost"]]
-    return None if lines.empty else tuple(lines.iloc[0])
+def mapped(*places: xr.Dataset, axis: str = "froude") -> pd.DataFrame:
+    return best_steps({str(n): dataset for n, dataset in enumerate(places)}, axis)
 
 
 def test_froude_number_is_wind_over_wave_speed() -> None:
-    assert regimes((20.0, [])).places["froude"].item() == pytest.approx(20.0 / 240.0)
-
-
-def test_cost_between_two_steps_is_interpolated_and_beyond_them_is_not() -> None:
-    runs = pd.DataFrame({"dt": [2.0, 1.0], "cost": [100.0, 400.0], "error": [1e-2, 1e-4]})
-    assert cheapest_step(runs, 1e-3) == pytest.approx((math.sqrt(2.0), 200.0))
-    assert cheapest_step(runs, 1e-4) == pytest.approx((1.0, 400.0))
-    assert cheapest_step(runs, 1.0) == (2.0, 100.0)
-    assert cheapest_step(runs, 0.9e-4) is None
-    # a solver that struggles with long steps: the shorter one is cheaper, whatever the error
-    assert cheapest_step(runs.assign(cost=[900.0, 400.0]), 1.0) == (1.0, 400.0)
+    here = mapped(place(20.0, ("rk4", 1.0, 1.0, 1e-4)))
+    assert here["x"].item() == here["froude"].item() == pytest.approx(20.0 / 240.0)
 
 
 def test_families_are_those_of_the_classes_and_the_cheapest_stands_for_each() -> None:
-    here = regimes((20.0, [
-        ("rk4", 1.0, 50.0, 1e-5), ("kg5", 1.0, 40.0, 1e-5),
-        ("bdf2", 9.0, 20.0, 1e-3), ("tr-bdf2", 9.0, 30.0, 1e-4),
-    ]))  # fmt: skip
-    assert best(here, "explicit", 1e-3) == ("kg5", 1.0, 40.0)
-    assert best(here, "implicit", 1e-3) == ("bdf2", 9.0, 20.0)
-    assert best(here, "implicit", 1e-4) == ("tr-bdf2", 9.0, 30.0)
-    assert best(here, "imex", 1e-3) is None
-    offers = here.best(1e-3).set_index("family")
-    assert offers.loc["implicit", ["ratio", "beside"]].tolist() == [0.5, 0.4]
+    here = mapped(place(
+        20.0, ("rk4", 1.0, 50.0, 1e-5), ("kg5", 1.0, 40.0, 1e-5),
+        ("bdf2", 9.0, 20.0, 1e-3), ("tr-bdf2", 9.0, 30.0, 1e-4), ("ark2", 9.0, 1.0, 2e-3),
+    )).set_index("family")  # fmt: skip
+    assert here.loc["explicit", ["stepper", "dt", "cost"]].tolist() == ["kg5", 1.0, 40.0]
+    assert here.loc["implicit", ["stepper", "dt", "cost"]].tolist() == ["bdf2", 9.0, 20.0]
+    assert here.loc["implicit", ["ratio", "beside"]].tolist() == [0.5, 0.4]
+    assert "imex" not in here.index
 
 
 def test_break_even_is_where_the_ratio_passes_one() -> None:
-    def limit(*costs: tuple[float, float, float]) -> float:
+    def part(*costs: tuple[float, float, float]) -> tuple[float, float]:
         """Of places by wind, cost and error of the implicit step."""
-        found = regimes(*(
-            (speed, [("rk4", 1.0, 10.0, 1e-5), ("bdf2", 9.0, cost, error)])
+        found = mapped(*(
+            place(speed, ("rk4", 1.0, 10.0, 1e-5), ("bdf2", 9.0, cost, error))
             for speed, cost, error in costs
         ))  # fmt: skip
-        offers = found.best(1e-3)
-        ratios = offers[offers["family"] == "implicit"].set_index("place")["ratio"]
-        froude = found.places["froude"]
-        assert froude.is_monotonic_increasing
-        return break_even([*froude], [*ratios.reindex(froude.index)])
+        ratios = found.pivot(index="x", columns="family", values="ratio")
+        ratios = ratios.reindex(columns=["implicit"])
+        return break_even(ratios.index.to_numpy(), ratios["implicit"].to_numpy())
 
-    assert limit((20.0, 40.0, 1e-5), (5.0, 2.5, 1e-5)) == pytest.approx(10.0 / 240.0)
-    assert limit((5.0, 11.0, 1e-5)) == 0.0
-    assert limit((5.0, 9.0, 1e-5)) == math.inf
-    assert math.isnan(limit((5.0, 9.0, 0.1)))
-    assert limit((20.0, 1.0, 0.1), (5.0, 2.5, 1e-5)) == pytest.approx(5.0 / 240.0)
+    assert part((20.0, 40.0, 1e-5), (5.0, 2.5, 1e-5)) == (0.0, pytest.approx(10.0 / 240.0))
+    assert part((20.0, 2.5, 1e-5), (5.0, 40.0, 1e-5)) == (pytest.approx(10.0 / 240.0), math.inf)
+    assert np.isnan(part((5.0, 11.0, 1e-5))).all()
+    assert part((5.0, 9.0, 1e-5)) == (0.0, math.inf)
+    assert part((20.0, 1.0, 0.1), (5.0, 2.5, 1e-5)) == (0.0, pytest.approx(5.0 / 240.0))
 
 
-def test_series_differ_in_refinement_and_hyperviscosity() -> None:
-    lines = [("scene.speed=20", 1.0), ("scene.speed=5", 1.0), ("scene.speed=5", 4.0),
-             ("hyperviscosity.nu=default", 1.0)]  # fmt: skip
-    firsts = pd.DataFrame(lines, columns=["settings", "stretch"]).assign(
-        scene="williamson5", gravity_limit=1.0, advective_limit=2.0, days_planned=1.0
-    )
-    assert ordered_places(firsts)["title"].tolist() == [
-        "williamson5", "williamson5", "williamson5, refined 4 times", "williamson5, hyperviscosity"
-    ]  # fmt: skip
+def test_the_axis_is_a_setting_or_one_of_the_mesh() -> None:
+    places = [place(20.0, ("rk4", 1.0, 1.0, 1e-4), ne=ne) for ne in (16, 8)]
+    assert mapped(*places, axis="ne")["x"].tolist() == [8.0, 16.0]
+    winds = [place(speed, ("rk4", 1.0, 1.0, 1e-4)) for speed in (20.0, 5.0)]
+    assert mapped(*winds, axis="scene.speed")["x"].tolist() == [5.0, 20.0]
+    with pytest.raises(ConfigError, match=r"map: a sweep of williamson5 has no number scene\.sped"):
+        mapped(*winds, axis="scene.sped")
+    with pytest.raises(ConfigError, match="map: no timed run of these sweeps reaches"):
+        mapped(place(20.0, ("rk4", 1.0, 1.0, 1.0)))
+
+
+def test_series_differ_in_refinement_and_settings() -> None:
+    run = ("rk4", 1.0, 1.0, 1e-4)
+    places = [place(20.0, run), place(5.0, run), place(5.0, run, stretch=4.0),
+              place(5.0, run, settings="hyperviscosity.nu=default scene.speed=5")]  # fmt: skip
+    assert sorted({*mapped(*places)["series"]}) == [
+        "williamson5, ne 16, np 4",
+        "williamson5, ne 16, np 4, hyperviscosity.nu=default",
+        "williamson5, ne 16, np 4, stretch 4",
+    ]
 
 
 # --- a small map
@@ -145,27 +132,15 @@ def test_every_combination_of_a_recipe_has_a_folder(small_map) -> None:
     }  # fmt: skip
 
 
-def test_steps_are_halved_until_the_error_is_small_enough(small_map) -> None:
+def test_every_target_is_searched_for_and_timed(small_map) -> None:
     for path in (small_map / "out").glob("*/runs"):
-        runs = [run for run in runs_of(path.parent).records if run.role == "grid"]
-        for name in ("rk4", "forward-backward", "bdf2"):
-            of = [run for run in runs if run.config.stepper == name]
-            errors = [
-                e.l2 for run in of for e in run.errors if (e.kind, e.field) == ("slow", "vorticity")
-            ]
-            assert len(errors) == len(of) <= 4
-            assert all(error > 3e-3 for error in errors[:-1])
-            for longer, shorter in pairwise(of):
-                assert shorter.config.dt == pytest.approx(0.5 * longer.config.dt, rel=0.2)
-
-
-def test_places_are_told_apart_by_wind_and_diffusion(small_map) -> None:
-    found = read_map(small_map / "out")
-    froude, diffusive = found.places["froude"], found.places["diffusive"]
-    fast, slow = froude["williamson5-speed20"], froude["williamson5-speed5"]
-    assert fast == pytest.approx(4.0 * slow, rel=0.05)
-    assert fast == pytest.approx(20.0 / 241.8, rel=0.02)
-    assert diffusive["williamson5-speed5-nudefault"] and not diffusive["williamson5-speed5"]
+        runs = [run for run in runs_of(path.parent).records if run.role == "target"]
+        errors = {
+            run.key: error.l2 for run in runs for error in run.errors if error.kind == "slow"
+            and error.field == "vorticity" and run.config.stepper == "bdf2"
+        }  # fmt: skip
+        assert any(error <= 3e-3 for error in errors.values())
+        assert any(3e-3 < error <= 1e-2 for error in errors.values())
 
 
 def test_the_page_tells_the_numbers_of_the_map_and_nothing_is_run_again(small_map) -> None:
@@ -175,15 +150,24 @@ def test_the_page_tells_the_numbers_of_the_map_and_nothing_is_run_again(small_ma
     assert sorted((small_map / "out").glob("*/runs/*")) == runs
     assert page.startswith("# a small map\n")
     pictures = re.findall(r"!\[[^]]*\]\(([^)]*)\)", page)
-    assert set(pictures) == {path.name for path in (small_map / "out").glob("*.svg")} != set()
-    offers = read_map(small_map / "out").best(3e-3).set_index(["place", "family"])
-    stepper, dt, cost = offers.loc[("williamson5-speed20", "explicit"), ["stepper", "dt", "cost"]]
-    assert f"`{stepper}` {dt:.4g} s, {words.seconds(cost)}" in page
+    assert set(pictures) == {path.name for path in (small_map / "out").glob("*.svg")}
+    assert len(pictures) == 2
+    datasets = {path.parent.name: xr.load_dataset(path) for path in small_map.rglob("sweep.nc")}
+    best = best_steps(datasets, "froude")
+    assert best["froude"].max() == pytest.approx(4.0 * best["froude"].min(), rel=0.05)
+    assert best["froude"].max() == pytest.approx(20.0 / 241.8, rel=0.02)
+    for run in best[best["family"] == "explicit"].itertuples():
+        assert f"`{run.stepper}` {words.step(run.dt)}, {words.seconds(run.cost)}" in page
+    for table in re.findall(r"(?:^\|.*\n)+", page, re.MULTILINE):
+        assert len({line.count("|") for line in table.splitlines()}) == 1
 
 
-def test_a_folder_without_sweeps_has_no_map(tmp_path) -> None:
-    with pytest.raises(ConfigError, match="there is no sweep in"):
-        write_map(tmp_path, title="none")
+def test_a_map_of_no_sweeps_is_refused(tmp_path) -> None:
+    with pytest.raises(ConfigError, match="no timed run"):
+        write_map({}, tmp_path, recipe=Recipe("none", (), axis="ne"))
+    (tmp_path / "old.toml").write_text("map = true\n")
+    with pytest.raises(ConfigError, match="map names an axis"):
+        load_recipe(str(tmp_path / "old.toml"))
 
 
 def test_lists_of_a_recipe_are_lists(tmp_path) -> None:
@@ -196,7 +180,7 @@ def test_lists_of_a_recipe_are_lists(tmp_path) -> None:
 def test_places_of_a_scene_file_are_folders_of_their_own(tmp_path) -> None:
     path = tmp_path / "recipe.toml"
     path.write_text(
-        'map = true\nscene = "there/mine.toml"\nsteppers = ["rk4"]\n[each]\nspeed = [5, 20]\n'
+        'map = "ne"\nscene = "there/mine.toml"\nsteppers = ["rk4"]\n[each]\nspeed = [5, 20]\n'
     )
     assert [values["name"] for values in load_recipe(str(path)).sweeps] == [
         "mine-speed5",

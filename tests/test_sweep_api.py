@@ -145,17 +145,6 @@ def test_steps_that_come_to_the_same_are_one_run():
     assert grid.dt.values.tolist() == [3600.0, 1800.0] and sum(expected) == 2
 
 
-def test_runs_that_are_left_out_are_left_out_of_all_rounds():
-    """Shorter steps than the first that are accurate enough."""
-    found = sweep(
-        "williamson2", ["rk4"], ne=2, np=4, days=0.05, dt=[2160.0, 1080.0, 540.0], enough=1e-2,
-        repeats=2,
-    )  # fmt: skip
-    grid = found.isel(run=found["role"].values == "grid")
-    assert grid["dt"].values.tolist() == [2160.0] and found.sizes["repeat"] >= 2
-    assert np.isfinite(grid["wall_seconds"].values).all()
-
-
 def test_no_diagnostic_takes_a_name_that_sweeps_have():
     found = sweep("williamson2", ["rk4"], ne=2, np=4, days=0.05, dt=2160.0, repeats=1)
     for name in {*found.variables, *found.dims, *WORDS, *UNITS, "key", "repeat"}:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from swe_sphere.studies.report import Ranking
     from swe_sphere.studies.sweep.runs import RunSpec
 
-RECIPES_ONLY = ("slow", "spin", "longest", "enough", "name")
+RECIPES_ONLY = ("slow", "spin", "name")
 """Fields of a plan without a flag."""
 REPORT, PAGE = "index.html", "README.md"
 """Pages that are written of sweeps, and of a recipe too."""
@@ -56,7 +56,7 @@ def sweep(
     if out is None:
         raise ConfigError("out: say in which folder the sweep is kept (--out DIR)")
     loaded = None if recipe is None else load_recipe(recipe)
-    mapped = loaded is not None and loaded.mapped
+    mapped = loaded is not None and bool(loaded.axis)
     plans = [] if report_only else _planned(given(values, SweepPlan), loaded, out)
     _check_pages(out, [*([] if mapped else [REPORT]), *([PAGE] if loaded else [])])
     datasets, completed = {}, report_only
@@ -66,20 +66,20 @@ def sweep(
         completed |= bool((compared == "completed").any())
         if not mapped and not quiet:
             _show_sweep(dataset)
+    from swe_sphere.studies.regimes import write_map  # matplotlib takes its time to import
+    from swe_sphere.studies.report import write_report
+    from swe_sphere.studies.sweep.record import write_dataset
+
+    for folder in _begun(out) if report_only or loaded else ():
+        if folder not in datasets:
+            datasets[folder] = write_dataset(folder)
+            if report_only and not mapped and not quiet:
+                _show_sweep(datasets[folder])
+    named = _by_name(datasets, out, loaded)
     if loaded is not None and mapped:
-        from swe_sphere.studies.regimes import write_map
-
-        page = write_map(out, title=loaded.title, introduction=loaded.introduction)
+        page = write_map(named, out, recipe=loaded)
     else:
-        from swe_sphere.studies.report import write_report  # matplotlib takes its time to import
-        from swe_sphere.studies.sweep.record import write_dataset
-
-        for folder in _begun(out) if report_only or loaded else ():
-            if folder not in datasets:
-                datasets[folder] = write_dataset(folder)
-                if report_only and not quiet:
-                    _show_sweep(datasets[folder])
-        page = write_report(_by_name(datasets, out, loaded), out, recipe=loaded)
+        page = write_report(named, out, recipe=loaded)
     if not quiet:
         typer.echo(page)
     return 0 if completed else RunFailed.exit_status
@@ -110,7 +110,7 @@ def _planned(
     if recipe is None:
         return [(out, make_plan(flags))]
     plans = recipe.plans(flags)
-    if recipe.mapped and any(plan.jobs > 1 for plan in plans):
+    if recipe.axis and any(plan.jobs > 1 for plan in plans):
         raise ConfigError("jobs: a map ranks by CPU time, which only runs alone have: leave it out")
     return [(out / folder_of(dict(plan)), plan) for plan in plans]
 

@@ -1,281 +1,170 @@
-"""The map of regimes: which family of steppers is cheapest in which flow, on which mesh."""
+"""Maps of sweeps: which family of steppers is cheapest along an axis, a wind or a resolution."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from xarray import Dataset
 
+from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import write_whole
+from swe_sphere.pictures.panels import COLOURS
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.stepper import Family
 from swe_sphere.studies import words
 from swe_sphere.studies.pages import rendered
-from swe_sphere.studies.report.figures import INK, PAPER, STYLE, svg_text
-from swe_sphere.studies.report.ranking import Metric, read_runs
-from swe_sphere.studies.sweep.record import (
-    RUNS,
-    Header,
-    build_dataset,
-    current,
-    read_header,
-    runs_of,
-)
+from swe_sphere.studies.report.figures import INK, MARKERS, STYLE, finish, svg_text
+from swe_sphere.studies.report.page import read_sections
+from swe_sphere.studies.sweep.sweep_plan import Recipe
 
 BASE = "explicit"
-OTHERS: tuple[str, ...] = tuple(name for name in get_args(Family) if name != BASE)
+OTHERS = tuple(name for name in get_args(Family) if name != BASE)
 CLASSIC = "rk4"
-"""The stepper that families are compared with too."""
-ERRORS = (1e-2, 3e-3, 1e-3)
-USUAL = 3e-3
-"""The slow-flow error of the tables and figures that are for one."""
-PAGE = "README.md"
-
-FARTHEST = 3.0
-"""The colours end at two to this power and at one over it."""
-CELL, MARGIN, TOP = (0.78, 0.52), (0.9, 0.5), 0.8
-"""Inches: of a cell, beside and below the cells, and above them."""
+"""The stepper with which families are compared as well."""
+FROUDE = "froude"
+"""The axis of the Froude number U/c: the largest wind over the speed of the fastest gravity waves,
+both of the initial state."""
+MESH = ("ne", "np", "stretch")
 
 
-@dataclass(frozen=True, eq=False)
-class RegimeMap:
-    """Places, each a scene with its wind on a mesh, and the runs there that came to their end."""
+def best_steps(datasets: Mapping[str, Dataset], axis: str) -> pd.DataFrame:
+    """Return the cheapest step of each family to each target of sweeps, along an axis.
 
-    places: pd.DataFrame
-    """Columns: scene, stretch, settings, diffusive (whether there is viscosity), froude (U/c: the
-    largest wind over the speed of the fastest gravity waves at the start), gravity_limit [s], days,
-    title (of the places that differ in their wind only, which follow each other)."""
-    runs: pd.DataFrame
-    """place, stepper, dt [s], steps, error (of the slow flow at the end: l2, relative) and cost
-    (CPU time, on a GPU wall time [s])."""
-    headers: Sequence[Header] = ()
-    """The requests of the sweeps."""
+    Columns: x, the value of the axis; series, what places have in common otherwise; target; family;
+    ratio and beside, the cost over that of the best explicit step and of `CLASSIC`, NaN where they
+    do not reach the target; froude; and those of `read_runs`.
 
-    def best(self, error: float) -> pd.DataFrame:
-        """The cheapest step with that error of each family at each place, where a run has it.
+    Args:
+        datasets: Of searches for errors.
+        axis: ne, np, stretch, froude, or a setting such as "scene.speed".
 
-        Columns: place, family, stepper, dt [s], cost, and the ratios of the cost to that of the
-        best explicit step and to that of `CLASSIC`, NaN where that has no such error.
-        """
-        found = [
-            (place, STEPPERS[stepper].family, stepper, *offer)
-            for (place, stepper), runs in self.runs.groupby(["place", "stepper"], sort=False)
-            if stepper in STEPPERS and (offer := cheapest_step(runs, error)) is not None
-        ]
-        names = ["place", "family", "stepper", "dt", "cost"]
-        offers = pd.DataFrame(found, columns=names).sort_values("cost", kind="stable")
-        units = offers[offers["stepper"] == CLASSIC].set_index("place")["cost"]
-        best = offers.drop_duplicates(["place", "family"])
-        bases = best[best["family"] == BASE].set_index("place")["cost"]
-        costs, places = best["cost"], best["place"]
-        return best.assign(ratio=costs / places.map(bases), beside=costs / places.map(units))
-
-
-def cheapest_step(runs: pd.DataFrame, error: float) -> tuple[float, float] | None:
-    """Step [s] and cost of the cheapest step with an error of at most that, None if there is none.
-
-    Between neighbouring steps of which one is good enough all logarithms are taken for linear;
-    beyond the longest and the shortest step nothing is assumed.  runs: of one stepper at a place.
+    Raises ConfigError where no timed run reaches a target, or a sweep has no such axis.
     """
-    lines = [*runs.sort_values("dt", ascending=False)[["dt", "cost", "error"]].itertuples(False)]
-    found = [(run.dt, run.cost) for run in lines if run.error <= error]
-    for longer, shorter in pairwise(lines):
-        if shorter.error <= error < longer.error:
-            share = math.log(error / shorter.error) / math.log(longer.error / shorter.error)
-            dt = shorter.dt * (longer.dt / shorter.dt) ** share
-            found.append((dt, shorter.cost * (longer.cost / shorter.cost) ** share))
-    return min(found, key=lambda offer: offer[1], default=None)
+    found = [
+        ranking.reached(i).assign(target=target)
+        for section in read_sections(datasets)
+        for ranking in section.rankings[:1]
+        for i, target in enumerate(ranking.targets)
+    ]
+    runs = pd.concat(found) if found else pd.DataFrame({"cost": []})
+    if runs.empty:
+        raise ConfigError("map: no timed run of these sweeps reaches a target-error")
+    runs[FROUDE] = 1.0 / (runs["advective_limit"] / runs["gravity_limit"] - 1.0)
+    of_settings = runs["settings"].str.extract(rf"(?:^| ){axis.replace('.', '[.]')}=(\S+)")[0]
+    runs["x"] = pd.to_numeric(runs.get(axis, of_settings), errors="coerce")
+    for name in runs.loc[runs["x"].isna(), "scene"]:
+        raise ConfigError(f"map: a sweep of {name} has no number {axis}")
+    runs["series"] = [_series(run, axis) for run in runs.to_dict("records")]
+    runs["family"] = [STEPPERS[name].family if name in STEPPERS else "" for name in runs["stepper"]]
+    place = ["series", "x", "target"]
+    runs = runs.sort_values([*place, "cost"], ascending=[True, True, False, True])
+    classic = runs[runs["stepper"] == CLASSIC].drop_duplicates(place).set_index(place)["cost"]
+    best = runs.drop_duplicates([*place, "family"])
+    base = best[best["family"] == BASE].set_index(place)["cost"]
+    best = best.join(base.rename("base"), on=place).join(classic.rename("classic"), on=place)
+    return best.assign(ratio=best["cost"] / best["base"], beside=best["cost"] / best["classic"])
 
 
-def read_map(folder: Path) -> RegimeMap:
-    """Return the map of the sweeps in a folder.
+def _series(run: Mapping[str, object], axis: str) -> str:
+    """Return the scene, the mesh and the settings of a run, without the value of the axis."""
+    apart = "scene." if axis == FROUDE else f"{axis}="
+    mesh = [f"{name} {run[name]:g}" for name in MESH if name != axis and run[name] != 1.0]
+    settings = [each for each in str(run["settings"]).split() if not each.startswith(apart)]
+    return ", ".join([str(run["scene"]), *mesh, *settings])
 
-    Raises ConfigError where there is no sweep, or one whose runs have no cost.
+
+def break_even(x: Array, ratios: Array) -> tuple[float, float]:
+    """Return the part of an axis on which a family is at most as expensive as another one.
+
+    Between places logarithms are interpolated; beyond them the part is unbounded: 0 and infinity.
+
+    Args:
+        x: Values of the axis, rising.
+        ratios: Ratios of costs there, NaN where no step has the error.
+
+    Returns: its ends, NaN where there is no such part.
     """
-    tables, headers = [], []
-    for path in sorted(path.parent for path in folder.glob(f"*/{RUNS}")):
-        header, records = read_header(path), runs_of(path).records
-        if header is not None and current(records, header.sources):
-            dataset = build_dataset(header, records)
-            runs, end = read_runs(dataset), max(dataset["report_day"].values, default=math.nan)
-            error = runs.get(Metric("slow", "vorticity", "l2", end), math.nan)
-            tables.append(runs.assign(error=error, place=path.name))
-            headers.append(header)
-    if not tables:
-        raise ConfigError(f"there is no sweep in {folder}: leave report-only out to make one")
-    runs = pd.concat(tables)
-    firsts = runs.drop_duplicates("place").set_index("place")
-    runs = runs[(runs["role"] == "grid") & runs["completed"] & runs["error"].notna()]
-    for place in runs.loc[~runs["timed"], "place"]:
-        raise ConfigError(
-            f"{place}: it has runs that were not timed: make the sweeps again without jobs"
-        )
-    return RegimeMap(ordered_places(firsts), runs, headers)
+    cheaper = np.flatnonzero(ratios <= 1.0)
+    if not cheaper.size:
+        return math.nan, math.nan
+
+    def end(inside: int, outside: int, beyond: float) -> float:
+        if not 0 <= outside < len(x):
+            return beyond
+        r0, r1 = ratios[inside], ratios[outside]
+        share = math.log(r0) / math.log(r0 / r1) if math.isfinite(r1) else 0.0
+        return float(x[inside] * (x[outside] / x[inside]) ** share)
+
+    return end(cheaper[0], cheaper[0] - 1, 0.0), end(cheaper[-1], cheaper[-1] + 1, math.inf)
 
 
-def ordered_places(firsts: pd.DataFrame) -> pd.DataFrame:
-    """The places of a map, by scene, diffusion, refinement and wind; those of most places first.
-
-    firsts: any run of each, by the name of the place.
-    """
-    places = firsts[["scene", "stretch", "settings", "gravity_limit"]].assign(
-        days=firsts["days_planned"],
-        froude=1.0 / (firsts["advective_limit"] / firsts["gravity_limit"] - 1.0),
-        diffusive=firsts["settings"].str.contains("viscosity."),
-    )
-    title = places["scene"] + np.where(
-        places["stretch"] == 1.0, "", ", refined " + places["stretch"].map("{:g}".format) + " times"
-    )
-    title += np.where(places["diffusive"], ", hyperviscosity", "")
-    count = -places.groupby("scene")["scene"].transform("size")
-    by = ["count", "scene", "diffusive", "stretch", "froude"]
-    return places.assign(title=title, count=count).sort_values(by).drop(columns="count")
-
-
-def break_even(froude: Sequence[float], ratios: Sequence[float]) -> float:
-    """The Froude number up to which a family is cheaper than explicit steppers.
-
-    froude: of places, rising; ratios: of the costs there, NaN where no step has the error, which
-    counts as dearer.  Interpolated in the logarithms; 0 where it is dearer everywhere, infinite
-    where it is cheaper up to the end, NaN if nothing is known.
-    """
-    cheaper = [i for i, ratio in enumerate(ratios) if ratio <= 1.0]
-    if not cheaper:
-        return 0.0 if np.isfinite(ratios).any() else math.nan
-    last = cheaper[-1]
-    if last == len(ratios) - 1:
-        return math.inf
-    (f0, f1), (r0, r1) = froude[last : last + 2], ratios[last : last + 2]
-    share = math.log(r0) / math.log(r0 / r1) if math.isfinite(r1) else 0.0
-    return float(f0 * (f1 / f0) ** share)
-
-
-# --- the page
-
-
-def write_map(folder: Path, *, title: str, introduction: str = "") -> Path:
-    """Write README.md and its figures (SVG) beside the sweeps of a map; returns its path.
+def write_map(datasets: Mapping[str, Dataset], out: Path, *, recipe: Recipe) -> Path:
+    """Write the page of a map, README.md, and its figures (SVG); return the path of the page.
 
     Raises:
-        ConfigError: there are no sweeps in the folder.
+        ConfigError: as `best_steps`.
         RunFailed: the disk does not take the files.
     """
-    found = read_map(folder)
-    best = {error: found.best(error) for error in ERRORS}
-    usual, figures = best[USUAL], {}
-    for name, (caption, figure) in _figures(found, best).items():
-        write_whole(folder / f"{name}.svg", svg_text(figure, name))
-        figures[caption] = f"{name}.svg"
-    series = [*found.places.groupby("title", sort=False)]
-    shown = [(family, error) for family in OTHERS for error in ERRORS]
+    best, figures = best_steps(datasets, recipe.axis), {}
+    for target, of in best[best["ratio"].notna() & (best["family"] != BASE)].groupby(
+        "target", sort=False
+    ):
+        name = f"{recipe.axis}-{words.level(target)}.svg"
+        figures[f"Cost over the best explicit step, for an error of {words.level(target)}"] = name
+        write_whole(out / name, svg_text(_figure(of, recipe.axis), name))
+    limits = {base: [*_limits(best, base)] for base in ("ratio", "beside")}
     text = rendered(
-        "swe_sphere.studies", "regimes.md.j2", title=title, introduction=introduction,
-        rules=[_rule(found.places, usual[usual["family"] == family], family) for family in OTHERS],
-        heads=[f"{family} {words.level(error)}" for family, error in shown],
-        limits=[[name, *(_limit(of, best[error], family) for family, error in shown)]
-                for name, of in series],
-        series=series, offers={(of.place, of.family): of for of in usual.itertuples()},
-        figures=figures, families=OTHERS, base=BASE, classic=CLASSIC, usual=words.level(USUAL),
-        headers=found.headers, days=sorted({header.created[:10] for header in found.headers}),
+        "swe_sphere.studies", "regimes.md.j2", recipe=recipe, limits=limits, figures=figures,
+        series=best.groupby("series"), families=OTHERS, base=BASE, classic=CLASSIC,
+        targets=sorted({*best["target"]}, reverse=True),
+        attributes=[dataset.attrs for dataset in datasets.values()],
     )  # fmt: skip
-    write_whole(folder / PAGE, text)
-    return folder / PAGE
+    write_whole(out / "README.md", text)
+    return out / "README.md"
 
 
-def _limit(places: pd.DataFrame, best: pd.DataFrame, family: str) -> str:
-    """Return the break-even Froude number of a family in a cell."""
-    ratios = best[best["family"] == family].set_index("place")["ratio"].reindex(places.index)
-    froude = [*places["froude"]]
-    limit = break_even(froude, [*ratios])
-    if limit == 0.0:
-        return f"< {words.number(froude[0], 2)}"
-    return f"> {words.number(froude[-1], 2)}" if math.isinf(limit) else words.number(limit, 2)
+def _limits(best: pd.DataFrame, column: str) -> Iterator[list[str]]:
+    """Yield a line for each series: where each family is cheaper, by family and target."""
+    targets = sorted({*best["target"]}, reverse=True)
+    for name, of in best.groupby("series"):
+        ratios = of.pivot(index="x", columns=["family", "target"], values=column)
+        wanted = pd.MultiIndex.from_product([OTHERS, targets])
+        found = (values for _, values in ratios.reindex(columns=wanted).items())
+        yield [str(name), *map(_part, found)]
 
 
-def _rule(places: pd.DataFrame, best: pd.DataFrame, family: str) -> dict[str, Any]:
-    """Return a family's ratios to `BASE` and to `CLASSIC`, and the steps at which it is cheaper."""
-    known = best[best["ratio"].notna()]
-    steps = known["dt"] / known["place"].map(places["gravity_limit"])
-    return {
-        "family": family, "ratios": [*known["ratio"]], "beside": [*best["beside"].dropna()],
-        "cheaper": [*steps[known["ratio"] <= 1.0]], "dearer": [*steps[known["ratio"] > 1.0]],
-    }  # fmt: skip
+def _part(ratios: pd.Series) -> str:
+    """Return in words where on the axis, the index, a family is cheaper."""
+    low, high = break_even(ratios.index.to_numpy(), ratios.to_numpy())
+    if math.isnan(low):
+        return "nowhere" if ratios.notna().any() else words.NOTHING
+    lower, upper = words.number(low, 2), words.number(high, 2)
+    if math.isinf(high):
+        return f"from {lower}" if low else "everywhere"
+    return f"{lower} to {upper}" if low else f"up to {upper}"
 
 
-# --- figures
-
-
-def _figures(found: RegimeMap, best: dict[float, pd.DataFrame]) -> dict[str, tuple[str, Figure]]:
-    """Return captions and figures by name."""
-    places, usual = found.places, words.level(USUAL)
-    made = {}
-    for (scene, diffusive), of in places.groupby(["scene", "diffusive"], sort=False):
-        what = f"{scene}{', hyperviscosity' if diffusive else ''}"
-        name = what.replace(", ", "-")
-        first = of[of["stretch"] == of["stretch"].iloc[0]]
-        at = of.reset_index().pivot(index="stretch", columns="settings", values="place")
-        lines = [(f"{stretch:g}", best[USUAL], at.loc[stretch, first["settings"]])
-                 for stretch in at.index]  # fmt: skip
-        if len(lines) > 1:
-            caption = f"{what}: cost ratios at a slow-flow error of {usual}, by refinement"
-            made[f"{name}-refinement"] = caption, _heat_maps(first["froude"], lines, "refinement")
-        caption = f"{what}: cost ratios by slow-flow error, on the uniform mesh"
-        lines = [(words.level(error), best[error], first.index) for error in ERRORS]
-        made[f"{name}-error"] = caption, _heat_maps(first["froude"], lines, "slow-flow error")
-    return made
-
-
-def _heat_maps(
-    froude: Sequence[float], lines: Sequence[tuple[str, pd.DataFrame, Sequence[str]]], what: str
-) -> Figure:
-    """Draw cost ratios by Froude number, a panel for each family.
-
-    lines: from below, label, offers as of `RegimeMap.best`, and names of the places by the Froude
-    numbers, NaN where there is none; what: the quantity that the labels tell.
-    """
+def _figure(best: pd.DataFrame, axis: str) -> Figure:
+    """Draw the ratios of the costs for one target along the axis, a panel for each family."""
     with mpl.rc_context(STYLE):
-        width = len(OTHERS) * (CELL[0] * len(froude) + 0.2) + MARGIN[0]
-        size = width, CELL[1] * len(lines) + MARGIN[1] + TOP
-        figure = Figure(figsize=size, layout="constrained")
-        panels = figure.subplots(1, len(OTHERS), sharey=True, squeeze=False)[0]
-        for axes, family in zip(panels, OTHERS, strict=True):
-            _draw_heat(axes, [
-                best[best["family"] == family].set_index("place").reindex([*of])
-                for _, best, of in lines
-            ])  # fmt: skip
-            axes.set_title(f"{family} : {BASE}", fontsize=9.0)
-            axes.set_xticks(range(len(froude)), [words.number(f, 2) for f in froude])
-            axes.set_xlabel("U/c")
-            axes.tick_params(length=0)
-            axes.spines[:].set_visible(False)
-        panels[0].set_yticks(range(len(lines)), [label for label, _, _ in lines])
-        panels[0].set_ylabel(what)
+        families = [name for name in OTHERS if name in {*best["family"]}]
+        figure = Figure(figsize=(2.7 * len(families) + 1.0, 3.6), layout="constrained")
+        panels = figure.subplots(1, len(families), sharey=True, squeeze=False)[0]
+        for axes, family in zip(panels, families, strict=True):
+            for n, (name, of) in enumerate(best.groupby("series")):
+                line = of[of["family"] == family]
+                style = {"color": COLOURS[n % len(COLOURS)], "marker": MARKERS[n % len(MARKERS)]}
+                axes.plot(line["x"], line["ratio"], label=name, markersize=5.0, **style)
+            axes.axhline(1.0, color=INK, linewidth=1.0)
+            finish(axes, "U/c" if axis == FROUDE else axis, f"{family} / {BASE}")
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", frameon=False, fontsize=8.0)
     return figure
-
-
-def _draw_heat(axes: Axes, found: Sequence[pd.DataFrame]) -> None:
-    """Draw cells with their ratios and the cheapest stepper, and the line where the ratio is 1."""
-    power = np.log2([of["ratio"] for of in found])
-    for (row, column), value in np.ndenumerate(power):
-        offer = found[row].iloc[column]
-        if pd.isna(offer.name):
-            continue
-        known = pd.notna(offer["stepper"])
-        name = f"{words.number(offer['ratio'], 2)}\n{offer['stepper']}" if known else words.NOTHING
-        dark = math.isfinite(value) and abs(value) > 0.6 * FARTHEST
-        axes.text(column, row, name, ha="center", va="center", fontsize=6.5,
-                  color=PAPER if dark else INK)  # fmt: skip
-    axes.imshow(power, cmap="RdBu_r", vmin=-FARTHEST, vmax=FARTHEST, origin="lower", aspect="auto")
-    finite = power[np.isfinite(power)]
-    if min(power.shape) > 1 and finite.size and finite.min() < 0.0 < finite.max():
-        axes.contour(np.ma.masked_invalid(power), [0.0], colors=[INK], linewidths=1.6)

@@ -6,11 +6,11 @@ import gc
 import math
 import os
 import tempfile
-from collections import defaultdict
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, nullcontext, suppress
 from functools import partial
 from itertools import zip_longest
+from operator import itemgetter
 from pathlib import Path
 
 import xarray as xr
@@ -34,9 +34,8 @@ SHORTEST = 64.0
 """A search for an error goes down to this part of the longest step or of the gravity limit."""
 TRIAL_GROWTH = {True: 1.12, False: 2.0}
 """Between trials while a limit is sought: where theory names one, and where it names none."""
-DEAR = 5.0
-"""Where a run costs so many times as much as one that is good enough, shorter steps are tried only
-if it was cheaper than the one before: solvers that struggle with long steps are."""
+FARTHEST = {"gravity_limit": 64.0, "advective_limit": 8.0}
+"""A search for an error begins with a step of at most so many times the longer of these limits."""
 AGREE = 0.03
 """Runs are repeated until their two shortest times differ by at most this part of the shorter,"""
 MOST_REPEATS = 3
@@ -172,28 +171,24 @@ class Sweep:
                 for _ in in_processes(plan.jobs, begin, parts):
                     self._watcher.done()
                 self._runner.read(runs_of(self._folder))
-            if plan.target_error is None:
-                self._grid([each.grid() for each in self._everyone])
+            if plan.target_error:
+                self._search(self._everyone)
             else:
-                self._search(self._everyone, plan.target_error)
+                self._grid([each.grid() for each in self._everyone])
             for integrator in self._everyone if plan.find_limit else ():
                 self._find_limit(integrator)
 
     # --- in processes beside each other
 
-    @property
-    def _searches(self) -> bool:
-        """True if the runs of an integrator depend on one another."""
-        return self._plan.target_error is not None or self._plan.enough is not None
-
     def _parts(self) -> list[Part]:
         """All parts; the shortest steps come first, so that nobody is left with them at the end."""
-        everyone, places = range(len(self._everyone)), list[Part]()
-        if not self._searches:
-            places = [(n, i) for n in everyone for i in range(len(self._everyone[n].grid()))]
-        places.sort(key=lambda part: part[1] or 0, reverse=True)
-        alone = self._searches or self._plan.find_limit
-        return places + ([(n, None) for n in everyone] if alone else [])
+        everyone = range(len(self._everyone))
+        places = [(n, i) for n in everyone for i in range(len(self._everyone[n].grid()))]
+        places.sort(key=itemgetter(1), reverse=True)
+        search, limits = bool(self._plan.target_error), self._plan.find_limit
+        return [
+            *([] if search else places), *((n, None) for n in everyone if search or limits)
+        ]  # fmt: skip
 
     def make(self, part: Part) -> None:
         """Make a part of all runs."""
@@ -201,42 +196,21 @@ class Sweep:
         integrator = self._everyone[number]
         if place is not None:
             self._grid([[integrator.grid()[place]]])
-        elif self._plan.target_error is not None:
-            self._search([integrator], self._plan.target_error)
-        elif self._plan.enough is not None:
-            self._grid([integrator.grid()])
-        if place is None and self._plan.find_limit:
+            return
+        if self._plan.target_error:
+            self._search([integrator])
+        if self._plan.find_limit:
             self._find_limit(integrator)
 
     # --- grid
 
     def _grid(self, grids: list[list[RunSpec]]) -> None:
-        """Round the integrators: first the longest step of each, then the next.
-
-        With `enough` in the plan an integrator ends where shorter steps can be no better buy.
-        """
-        self._watcher.expect(sum(map(len, grids)))
-        costs: defaultdict[Integrator, list[float]] = defaultdict(list)
-        least: dict[object, float] = {}
-        finished: set[Integrator] = set()
-        made = []
-        for run in (run for each in zip_longest(*grids) for run in each if run):
-            if run.integrator in finished:
-                self._watcher.expect(-1)
-                continue
-            record = self._runner.run(run, self._evaluator)
-            made.append(run)
-            if record.status != "completed" or self._plan.enough is None:
-                continue
-            earlier, good = costs[run.integrator], self._error(record) <= self._plan.enough
-            best = least.get(record.mesh, math.inf)
-            if good and record.seconds < best:
-                best = least[record.mesh] = record.seconds
-            rising = record.seconds >= min(earlier, default=math.inf)
-            earlier.append(record.seconds)
-            if good or (rising and record.seconds > DEAR * best):
-                finished.add(run.integrator)
-        self._time(made)
+        """Round the integrators: first the longest step of each, then the next."""
+        runs = [run for each in zip_longest(*grids) for run in each if run]
+        self._watcher.expect(len(runs))
+        for run in runs:
+            self._runner.run(run, self._evaluator)
+        self._time(runs)
 
     def _time(self, runs: list[RunSpec]) -> None:
         """Rounds through all runs, so that a busy moment of the machine meets many of them.
@@ -292,19 +266,22 @@ class Sweep:
 
     # --- the longest step with an error
 
-    def _search(self, everyone: list[Integrator], target: float) -> None:
-        good: list[RunSpec] = []
+    def _search(self, everyone: list[Integrator]) -> None:
+        """Search for the errors of the plan, from the largest; then time what may be cheapest."""
+        good: dict[RunSpec, None] = {}
         for left, integrator in zip(range(len(everyone), 0, -1), everyone, strict=True):
             tried: dict[RunSpec, RunRecord] = {}
-            share = SEARCHING * self._left / left
-            reason = self._longest_accurate(integrator, target, tried, share)
-            costs = {run: of.seconds for run, of in tried.items() if self._error(of) <= target}
-            if not costs:
-                self._watcher.note(f"{integrator.label}: {reason}")
-            best = min(filter(math.isfinite, costs.values()), default=math.inf)
-            good += [run for run, cost in costs.items() if not cost > NEAR_BEST * best]
+            end = self._runner.spent + SEARCHING * self._left / left
+            for target in sorted(self._plan.target_error, reverse=True):
+                reason = self._longest_accurate(integrator, target, tried, end)
+                costs = {run: of.seconds for run, of in tried.items() if self._error(of) <= target}
+                best = min(filter(math.isfinite, costs.values()), default=math.inf)
+                good |= dict.fromkeys(run for run in costs if not costs[run] > NEAR_BEST * best)
+                if not costs:
+                    self._watcher.note(f"{integrator.label}: {reason}")
+                    break
         self._runner.time_limit = self._plan.time_limit
-        self._time(good)
+        self._time([*good])
 
     @property
     def _left(self) -> float:
@@ -312,31 +289,30 @@ class Sweep:
         return math.inf if self._plan.budget is None else self._plan.budget - self._runner.spent
 
     def _longest_accurate(
-        self, integrator: Integrator, target: float, tried: dict[RunSpec, RunRecord], budget: float
+        self, integrator: Integrator, target: float, tried: dict[RunSpec, RunRecord], end: float
     ) -> str:
-        """Search along the step within a budget [s]; the runs made are left in `tried`.
+        """Search along the step until so much time is spent [s]; the runs are left in `tried`.
 
         Returns why no step has the error, in words; empty where one has.
         """
         if integrator.refusal is not None:
             return integrator.refusal
-        end = self._runner.spent + budget
 
         def error(dt: float) -> float:
             run = integrator.run(dt, "target")
             left = min(end - self._runner.spent, self._plan.time_limit or math.inf)
-            if left <= 0.0:
-                raise NoStepError(
-                    f"no step is good enough that its share of {max(budget, 0.0):.3g} s allows"
-                )
             if run not in tried:
+                if left <= 0.0:
+                    raise NoStepError(f"no step is good enough within its share of {budget}")
                 self._watcher.expect(1)
             self._runner.time_limit = left if math.isfinite(left) else None
             tried[run] = self._runner.run(run, self._evaluator)
             return self._error(tried[run])
 
-        longest = integrator.dt_sequence(1)[0]
-        shortest = min(longest, integrator.space.limits["gravity_limit"]) / SHORTEST
+        limits, budget = integrator.space.limits, f"{self._plan.budget or math.inf:g} s"
+        longest = max(part * limits[name] for name, part in FARTHEST.items())
+        longest = min(longest, integrator.safe_dt, self._study.interval)
+        shortest = min(longest, limits["gravity_limit"]) / SHORTEST
         try:
             longest_accurate(error, target, longest, shortest)
         except NoStepError as none:

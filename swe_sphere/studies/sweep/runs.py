@@ -37,7 +37,7 @@ from swe_sphere.simulation.restart import identity, run_sources
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS, Stepper, get_stepper
-from swe_sphere.studies.sweep.steps import dt_sequence, halved
+from swe_sphere.studies.sweep.steps import dt_sequence
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
 if TYPE_CHECKING:
@@ -257,14 +257,10 @@ class Integrator:
         """Stability limit at the start [s], about; infinite where there is none."""
         return self.space.stable_dt(self.kind)
 
-    def dt_sequence(self, levels: int, longest: float | None = None) -> list[float]:
-        """Steps to try [s], the longest first; longest: none is longer [s], and they are halved."""
-        explicit = math.isfinite(self.stable_dt) and self.kind.family == "explicit"
-        usable, gravity = self.kind.safety * self.stable_dt, self.space.limits["gravity_limit"]
-        interval = self.study.interval
-        if longest is not None:
-            return halved(min(usable, longest, interval), 0.25 * gravity, levels)
-        return dt_sequence(usable, explicit, gravity, interval, levels)
+    @property
+    def safe_dt(self) -> float:
+        """Safe part of the stability limit at the start [s]; infinite where there is none."""
+        return self.kind.safety * self.stable_dt
 
     def run(self, dt: float, role: Role = "grid") -> RunSpec:
         """The run with steps of dt [s], a little shorter where report times ask for it.
@@ -284,7 +280,9 @@ class Integrator:
         if plan.dt != "auto":
             steps = list(plan.dt)
         elif self.refusal is None:
-            steps = self.dt_sequence(plan.levels, plan.longest)
+            explicit = math.isfinite(self.safe_dt) and self.kind.family == "explicit"
+            gravity, interval = self.space.limits["gravity_limit"], self.study.interval
+            steps = dt_sequence(self.safe_dt, explicit, gravity, interval, plan.levels)
         else:
             steps = [self.study.interval]
         return [*dict.fromkeys(map(self.run, steps))]

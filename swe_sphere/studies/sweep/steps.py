@@ -45,11 +45,6 @@ def dt_sequence(
     return [top / ratio**n for n in range(levels)]
 
 
-def halved(longest: float, shortest: float, levels: int) -> list[float]:
-    """Steps [s] from the longest down by halves, so many at the most, none below the shortest."""
-    return [longest / 2**n for n in range(levels) if n == 0 or longest / 2**n >= shortest]
-
-
 def longest_working(
     works: Callable[[float], bool],
     guess: float,

@@ -91,11 +91,6 @@ class SweepPlan(SharedConfig):
     """Time steps [s] of every stepper; auto (the default): some for each."""
     levels: Annotated[Whole, Field(ge=1, le=20)] = 6
     """How many steps auto takes."""
-    longest: Positive | None = None
-    """Longest step of auto [s], from which down by halves."""
-    enough: Positive | None = None
-    """Leave out steps shorter than one with this error, or than one that costs many times as much
-    as a run with it."""
     ne: Counts = ()
     """Elements along an edge of the cube."""
     np: Counts = ()
@@ -120,8 +115,8 @@ class SweepPlan(SharedConfig):
     """Wall time that the steps of a search for an error may take together [s]."""
     find_limit: bool = False
     """Also search for the longest stable step of every stepper, to 2 %."""
-    target_error: Positive | None = None
-    """Search for the longest step with this error instead of running a grid."""
+    target_error: Numbers = ()
+    """Search for the longest step with each of these errors instead of running a grid."""
     target_kind: Literal["auto", "time", "total", "slow"] = "auto"
     """Which error; auto: the total one where it is known, else that in time."""
     target_field: Literal["h", "v", "vorticity"] = "h"
@@ -154,7 +149,7 @@ def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> Sweep
     from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 
     plan = validated(SweepPlan, values)
-    if plan.budget is not None and plan.target_error is None:
+    if plan.budget is not None and not plan.target_error:
         raise ConfigError("budget: only a search has one: give target-error too, or leave it out")
     made = make_scene(plan.run_config(), scene)
     for name in plan.steppers:
@@ -205,8 +200,8 @@ class Recipe:
     """Markdown before the results of all."""
     notes: Mapping[str, str] = field(default_factory=dict)
     """Markdown after the results of a scene."""
-    mapped: bool = False
-    """Whether one map of all sweeps is wanted, and no report of each."""
+    axis: str = ""
+    """Axis of the map of all sweeps that is wanted in the place of a report of each, if any is."""
 
     def plans(self, flags: Mapping[str, object]) -> list[SweepPlan]:
         """The plans, with the values of flags in the place of the recipe's.
@@ -227,8 +222,8 @@ def load_recipe(name: str) -> Recipe:
 
     A file has a `title`, perhaps an `introduction`, keys that all sweeps share, and for each a
     table [[sweep]], perhaps with a `note`; or just the keys of one sweep.  A table
-    [sweep.each] with lists by key makes a sweep of every combination.  With `map` there is one map
-    of all.
+    [sweep.each] with lists by key makes a sweep of every combination.  `map` names the axis of
+    one map of all: ne, np, stretch, froude, or a setting such as "scene.speed".
     Raises ConfigError if there is no such recipe or it cannot be read.
     """
     path = Path(name)
@@ -238,13 +233,14 @@ def load_recipe(name: str) -> Recipe:
         path = RECIPES / f"{name}.toml"
     table = read_toml(path)
     title, introduction = str(table.pop("title", path.stem)), str(table.pop("introduction", ""))
-    mapped = table.pop("map", False) is True
-    sweeps = table.pop("sweep", [{}])
+    axis, sweeps = table.pop("map", ""), table.pop("sweep", [{}])
+    if not isinstance(axis, str):
+        raise ConfigError(f'{path}: map names an axis: "ne", "froude", "scene.speed", ...')
     if not isinstance(sweeps, list) or not all(isinstance(each, dict) for each in sweeps):
         raise ConfigError(f"{path}: sweeps are tables [[sweep]]")
     notes = {folder_of(table | each): str(each.pop("note")) for each in sweeps if "note" in each}
     single = [by_field(one) for each in sweeps for one in _combinations(path, table | each)]
-    return Recipe(title, tuple(single), introduction, notes, mapped)
+    return Recipe(title, tuple(single), introduction, notes, axis)
 
 
 def folder_of(sweep: Mapping[str, Any]) -> str:
