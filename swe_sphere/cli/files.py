@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from swe_sphere.io.reference_solution import Exact
     from swe_sphere.io.runfile import Source
 
-File = Annotated[Path, typer.Argument(help="File of a run; plot: also one that was regridded.")]
+File = Annotated[Path, typer.Argument(help="File of a run; plot also accepts regridded files.")]
 
 
 def list_all() -> None:
@@ -42,7 +42,7 @@ def plot(
     field: Field = None,
     time: float | None = option("DAYS", "Time of the frame (the last)."),
     out: Path | None = option("FILE.png", "The picture (beside the file: FILE_FIELD.png)."),
-    compare: str | None = option("FILE.nc|exact", "Draw the difference from that."),
+    compare: str | None = option("FILE.nc|exact", "Draw the difference from this solution."),
     trust: list[Path] | None = option("FILE", "Code of the file's scene, for exact; repeatable."),
     **look: Any,
 ) -> None:
@@ -88,11 +88,11 @@ def _against(file: Path, other: str, trust: Iterable[Path]) -> Source | Exact:
 
 
 def compare(
-    a: Annotated[Path, typer.Argument(help="File whose errors are wanted.")],
-    b: Annotated[Path, typer.Argument(help="File taken for right; any other grid.")],
+    a: Annotated[Path, typer.Argument(help="File whose errors are computed.")],
+    b: Annotated[Path, typer.Argument(help="Reference file, on any grid.")],
     field: Field = None,
-    time: float | None = option("DAYS", "Time of both (the last that both have)."),
-    across_scenes: bool = flag("across-scenes", "Also runs of different scenes."),
+    time: float | None = option("DAYS", "Time to compare (default: the last that both contain)."),
+    across_scenes: bool = flag("across-scenes", "Allow runs of different scenes."),
     as_json: AsJson = False,
 ) -> None:
     """Print l1, l2 and linf of A against B."""
@@ -113,10 +113,10 @@ def regrid(
     file: File,
     grid: str = option("latlon:ROWSxCOLUMNS|gaussian:N", "The grid.", "latlon:181x360"),
     out: Path | None = option("FILE.nc|FILE.zarr", "The result (beside: FILE_GRID.nc)."),
-    fields: str | None = option("A,B,...", "Variables wanted (all)."),
-    overwrite: bool = flag("overwrite", "Replace a file that is there."),
+    fields: str | None = option("A,B,...", "Variables to write (default: all)."),
+    overwrite: bool = flag("overwrite", "Replace an existing file."),
 ) -> None:
-    """Bring the frames of a run to a grid of latitudes and longitudes."""
+    """Interpolate the frames of a run to a grid of latitudes and longitudes."""
     from swe_sphere.analysis.regrid_file import regrid_file
 
     place = out or file.with_name(f"{file.stem}_{re.sub(r'[^a-z0-9]', '', grid)}.nc")

@@ -28,7 +28,7 @@ METAVARS = {
 
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one line of JSON.")]
-Jobs = Annotated[int, typer.Option(metavar="N", help="Processes at work beside each other.")]
+Jobs = Annotated[int, typer.Option(metavar="N", help="Number of parallel processes.")]
 Field = Annotated[str | None, typer.Option(metavar="NAME", help="h, surface, vorticity, ...")]
 """Flags that several commands have."""
 

@@ -47,7 +47,7 @@ PROCESS = 100 * 2**20
 @with_flags(RunConfig, argument="scene")
 def run(
     context: typer.Context,
-    config: Path | None = option("FILE.toml", "Options by name; flags go first."),
+    config: Path | None = option("FILE.toml", "Options by name; flags override them."),
     ranks: int | None = option("P", "Processes that share the mesh, by MPI."),
     **values: Any,
 ) -> int:

@@ -33,15 +33,15 @@ Describe = Callable[[Sequence["Row"]], dict[str, object]]
 
 def verify(
     context: typer.Context,
-    quick: bool = flag("quick", "Only the cheap rows, in less than a minute."),
+    quick: bool = flag("quick", "Only inexpensive rows, in less than a minute."),
     scenes: str | None = option("A,B", "Only these scenes, or cases by name."),
-    launch: str | None = option("element|node", "Shape of kernel launches; GPUs have node."),
+    launch: str | None = option("element|node", "Shape of kernel launches; GPUs use node."),
     out: Path | None = option("DIR|FILE.md", "Write the page, and its numbers as FILE.json."),
-    resume: bool = flag("resume", "Go on after an interrupted run of this code."),
+    resume: bool = flag("resume", "Resume an interrupted run of the same code."),
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> int:
-    """Measure errors, orders and invariants of the scenes; fail where a bound does not hold."""
+    """Measure errors, orders and invariants of the scenes; fail if a bound does not hold."""
     from swe_sphere.studies.cases import choose
 
     def describe(rows: Sequence[Row]) -> dict[str, object]:
@@ -57,15 +57,15 @@ def verify(
 
 def stress(
     context: typer.Context,
-    quick: bool = flag("quick", "A short form of some cases, in less than a minute."),
+    quick: bool = flag("quick", "Short forms of some cases, in less than a minute."),
     groups: str | None = option("A,B", "Only these groups of cases, or cases by name."),
     steppers: str | None = option("A,B", "Only cases of these steppers."),
     out: Path | None = option("DIR|FILE.md", "Write the page, and its numbers as FILE.json."),
-    resume: bool = flag("resume", "Go on after an interrupted run of this code."),
+    resume: bool = flag("resume", "Resume an interrupted run of the same code."),
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> int:
-    """Run what is hard to survive, against criteria decided beforehand; fail where one fails."""
+    """Run hard cases against criteria fixed beforehand; fail if one of them fails."""
     from swe_sphere.studies.cases import choose, count_outcomes
 
     def describe(rows: Sequence[Row]) -> dict[str, object]:
@@ -155,7 +155,7 @@ def _cells(row: Row) -> Iterator[str]:
 @with_flags(RunConfig, argument="scene", without=OF_MEMBERS)
 def ensemble(
     seeds: str = option("A,B,...|FIRST-LAST", "Seeds of the members.", "1-8"),
-    field: str = option("NAME", "Whose spread: vorticity, h, u, ...", "vorticity"),
+    field: str = option("NAME", "Field of the spread: vorticity, h, u, ...", "vorticity"),
     folder: Path | None = option("FOLDER", "Files of the members (SCENE_ensemble)."),
     **values: Any,
 ) -> None:

@@ -40,14 +40,14 @@ REPORT, PAGE = "index.html", "README.md"
 def sweep(
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder of the runs; one that is there goes on."),
+        typer.Option(metavar="DIR", help="Folder of the runs; an existing sweep is resumed."),
     ] = None,
     recipe: Annotated[
         str | None,
-        typer.Option(metavar="NAME|FILE.toml", help="Options from there; flags go first."),
+        typer.Option(metavar="NAME|FILE.toml", help="Options from a recipe; flags override them."),
     ] = None,
     report_only: Annotated[
-        bool, typer.Option("--report-only", help="Make the report again, but no runs.")
+        bool, typer.Option("--report-only", help="Write the report again without runs.")
     ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
     **values: Any,

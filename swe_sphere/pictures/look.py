@@ -61,13 +61,13 @@ class Look(BaseModel):
     limits: Annotated[Pair, BeforeValidator(_numbers(2))] | None = None
     """Ends of the colour scale."""
     levels: Annotated[int, Field(ge=1, le=100)] | None = None
-    """About how many contours."""
+    """Approximate number of contours."""
     colours: str | None = None
     """Colour map of cmcrameri or matplotlib."""
     contours: bool | None = None
-    """Contour lines; by default where they are not all loops and islands."""
+    """Contour lines; by default not for fields of small closed loops."""
     panel: bool = True
-    """Curves of errors and drifts underneath."""
+    """Curves of errors and drifts below the map."""
     mesh: bool = False
     """Draw the edges of the elements."""
     winds: Literal["arrows", "streamlines"] | None = None

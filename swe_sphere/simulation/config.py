@@ -94,13 +94,13 @@ class SharedConfig(BaseModel):
     )
 
     stretch: Number = 1.0
-    """Schmidt refinement: refine the mesh so many times at the centre."""
+    """Schmidt refinement: factor by which the mesh is refined at the centre."""
     centre_lon: Number = 0.0
     """Longitude of the centre [degrees]."""
     centre_lat: Number = 0.0
     """Latitude of the centre [degrees]."""
     spin: Number = 0.0
-    """Turn of the cube about the centre [degrees]."""
+    """Rotation of the cube about the centre [degrees]."""
     alpha: Number | None = None
     """Scene parameter alpha: angle between the flow and the equator [rad]."""
     device: str = "cpu"
@@ -108,7 +108,7 @@ class SharedConfig(BaseModel):
     launch: Literal["element", "node"] | None = None
     """Shape of kernel launches: a thread for each element or for each node."""
     tracer_steps: Count = 1
-    """Steps of the flow for one of the tracers it carries. auto: as many as their limit allows."""
+    """Flow steps for each tracer step; auto: as many as the tracer limit allows."""
 
 
 class RunConfig(SharedConfig):
@@ -128,13 +128,14 @@ class RunConfig(SharedConfig):
     tolerance: Annotated[Number, Field(ge=0.0, lt=1.0)] | None = None
     """Solver tolerance of implicit and exponential steppers, relative to a step's change."""
     dt: TimeStep = "auto"
-    """Time step [s]. auto (the default): a safe part of the stability limit. For implicit steppers
-    advective Courant number 2 and an hour at most, for exponential ones 0.15 to 0.5 and three
-    hours. Of an adaptive run the longest step, by default the time between frames."""
+    """Time step [s]. auto (the default): a safe fraction of the stability limit; for implicit
+    steppers advective Courant number 2 and at most an hour, for exponential ones 0.15 to 0.5 and
+    at most three hours. With adaptive: the longest step, by default the time between frames.
+    """
     adaptive: Positive | None = None
-    """Let the steps inside of dt follow their error, relative to the state, to this tolerance."""
+    """Adapt the step to this tolerance of its estimated error, relative to the state."""
     days: Days | None = None
-    """Length of the run from its very start [days]; 0: only the start is written."""
+    """Length of the run since the initial state [days]; 0 writes the initial state only."""
     ne: Whole | None = None
     """Elements along an edge of the cube."""
     np: Whole | None = None
@@ -145,25 +146,25 @@ class RunConfig(SharedConfig):
     """Change an effect (viscosity.nu=1e5), the scene (scene.alpha=0.5) or an option of the stepper
     (stepper.tolerance=1e-4); repeatable."""
     diagnostics: tuple[FileName, ...] = ()
-    """Python files with diagnostics of your own; repeatable."""
+    """Python file with custom diagnostics; repeatable."""
     out: FileName | None = None
-    """Write frames here: netCDF, or a Zarr store where it ends in .zarr."""
+    """Output file: netCDF, or a Zarr store if it ends in .zarr."""
     fields: Annotated[tuple[str, ...], BeforeValidator(_names)] = ()
-    """Write these fields only: h, u, v, vorticity, divergence, q_TRACER, your own (all)."""
+    """Fields to write: h, u, v, vorticity, divergence, q_TRACER, custom ones (default: all)."""
     overwrite: bool = False
-    """Replace that file if it is there already."""
+    """Replace an existing file."""
     every: Annotated[Positive, Field(le=24.0 * LONGEST_DAYS)] | None = None
     """Time between frames [h] (about a day)."""
     plot: FileName | None = None
     """Draw the last frame."""
     live: str | None = None
-    """Draw this field in the terminal a hundred times in the run; auto: what suits the scene."""
+    """Draw this field in the terminal during the run; auto selects a suitable one."""
     restart: FileName | None = None
-    """Go on where that run stopped; out may name it."""
+    """Resume the run in this file; out may name the same file."""
     trust: Annotated[tuple[FileName, ...], Field(exclude=True)] = ()
-    """Python files that may be executed where the file of a run names them; repeatable."""
+    """Python file that may be executed if the file of a run names it; repeatable."""
     reference: FileName | None = None
-    """Lat-lon reference solution of the time at the end of the run, for the errors."""
+    """Reference solution on a lat-lon grid at the final time, for errors."""
     time_limit: Positive | None = None
     """Wall time that the steps may take [s]; the run ends in good order when it is used up."""
     as_json: bool = False

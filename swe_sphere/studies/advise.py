@@ -46,12 +46,13 @@ class Question(SharedConfig):
     scene: str
     """Name of a scene, or a .py or .toml file with one."""
     error: Annotated[Number, Field(gt=0.0, lt=1.0)]
-    """Error in time at the end that is wanted (l2, relative): of potential vorticity, or of depth
-    where the flow begins at rest or has no gravity waves."""
+    """Required time error at the end (l2, relative): of potential vorticity, or of depth where the
+    flow begins at rest or has no gravity waves.
+    """
     budget: Positive = 60.0
     """Wall time that the steps of all runs may take [s] (60)."""
     steppers: Annotated[tuple[str, ...], BeforeValidator(stepper_names)] = REPRESENTATIVES
-    """What to measure, by names, .py files or families; by default one or two of each family."""
+    """Steppers to measure: names, .py files or families; by default one or two of each family."""
     ne: Whole | None = None
     """Elements along an edge of the cube."""
     np: Whole | None = None

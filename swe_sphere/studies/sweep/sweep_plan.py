@@ -86,11 +86,13 @@ class SweepPlan(SharedConfig):
     scene: str
     """Name of a scene, or a .py or .toml file with one."""
     steppers: Annotated[tuple[str, ...], BeforeValidator(stepper_names), Field(min_length=1)]
-    """What to compare, by names, .py files, or families (explicit, imex, exponential, implicit)."""
+    """Steppers to compare: names, .py files, or families (explicit, imex, exponential,
+    implicit).
+    """
     dt: Steps = "auto"
-    """Time steps [s] of every stepper; auto (the default): some for each."""
+    """Time steps [s] of every stepper; auto (the default): a sequence for each."""
     levels: Annotated[Whole, Field(ge=1, le=20)] = 6
-    """How many steps auto takes."""
+    """Number of steps in the sequence of auto."""
     ne: Counts = ()
     """Elements along an edge of the cube."""
     np: Counts = ()
@@ -98,17 +100,19 @@ class SweepPlan(SharedConfig):
     precision: Annotated[Precisions, Field(min_length=1)] = ("float64",)
     """float64, float32 or both."""
     preconditioner: Names = ()
-    """Of the implicit steppers."""
+    """Preconditioners of implicit steppers."""
     tolerance: Annotated[Number, Field(ge=0.0, lt=1.0)] | None = None
-    """Of the solves of the implicit steppers."""
+    """Solver tolerance of implicit steppers."""
     days: Annotated[Days, Field(gt=0.0)] | None = None
     """Length of the runs [days]."""
     report_days: Numbers = ()
-    """Times at which errors are taken [days]; the end always is one."""
+    """Times at which errors are measured [days], beside the end."""
     repeats: Annotated[Whole, Field(ge=1, le=100)] = 3
-    """Timed runs of each setting, at least; more while the two shortest differ by over 3 %."""
+    """Minimum number of timed runs of each setting; more while the two shortest differ by over 3
+    %.
+    """
     jobs: Annotated[Whole, Field(ge=1, le=MOST_JOBS)] = 1
-    """Processes that make runs beside each other, for their errors only: none of them is timed."""
+    """Number of parallel processes; with more than one, runs give errors only and no times."""
     time_limit: Positive | None = None
     """Wall time of the steps of one run [s]."""
     budget: Positive | None = None
@@ -118,11 +122,11 @@ class SweepPlan(SharedConfig):
     target_error: Numbers = ()
     """Search for the longest step with each of these errors instead of running a grid."""
     target_kind: Literal["auto", "time", "total", "slow"] = "auto"
-    """Which error; auto: the total one where it is known, else that in time."""
+    """Kind of error; auto: total where it is known, otherwise time."""
     target_field: Literal["h", "v", "vorticity"] = "h"
-    """Of which field."""
+    """Field of the error."""
     target_norm: Literal["l1", "l2", "linf"] = "l2"
-    """In which norm."""
+    """Norm of the error."""
     reference: Paths = ()
     """Lat-lon reference solution of a report day; repeatable."""
     slow: bool | None = None
