@@ -244,15 +244,21 @@ class Analysis:
         from swe_sphere.pictures.look import Look
         from swe_sphere.pictures.plot import draw_state
 
+        return draw_state(self.frame(time), field, ax, validated(Look, look))
+
+    def frame(self, time: float | None = None) -> Frame:
+        """Return the frame at a time [s since the start], the last one for None.
+
+        Raises ConfigError if there is no frame at that time.
+        """
         k = self._times.size - 1 if time is None else int(np.abs(self._times - time).argmin())
         now = float(self._times[k])
         if time is not None and not abs(now - time) <= TOLERANCE:
             raise ConfigError(f"there is no frame at {time:g} s")
         run = {str(name): value for name, value in self._data.attrs.items()}
         about = {str(name): field.attrs for name, field in self._data.data_vars.items()}
-        frame = {"b": np.zeros(self.mesh.size), **self._frame(k)}
-        state = Frame(self.mesh, frame, now, run, about)
-        return draw_state(state, field, ax, validated(Look, look))
+        fields = {"b": np.zeros(self.mesh.size), **self._frame(k)}
+        return Frame(self.mesh, fields, now, run, about)
 
     @cached_property
     def _times(self) -> Array:

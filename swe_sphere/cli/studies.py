@@ -26,7 +26,10 @@ if TYPE_CHECKING:
     from swe_sphere.studies.cases import Case, Row
 
 HEADS = ("case", "ne", "np", "Δt [s]", "l2(h)", "l2(v)", "order", "of bound", "")
-OF_MEMBERS = ("out", "plot", "live", "restart", "trust", "reference", "as_json", "quiet")
+OF_MEMBERS = (
+    "out", "plot", "live", "restart", "trust", "initial", "initial_time", "reference", "as_json",
+    "quiet",
+)  # fmt: skip
 """Options of runs that members of an ensemble do not have."""
 Describe = Callable[[Sequence["Row"]], dict[str, object]]
 

@@ -88,7 +88,9 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         for name in sorted(wanted.difference(every)):
             raise unknown_name("field", name, [*every])
         self._fields = {name: about for name, about in every.items() if name in wanted}
-        line = history(f"run {attributes.get('scene', '')}", str(kept.get("history", "")))
+        begun = "" if kept or "origin" not in attributes else f" from {attributes['origin']}"
+        lines = str(kept.get("history", attributes.get("history", "")))
+        line = history(f"run {attributes.get('scene', '')}{begun}", lines)
         about = {**attributes, "run_id": uuid.uuid4().hex, **kept, "history": line}
         self._attributes = plain(about)
         self.run_id = str(about["run_id"])

@@ -62,6 +62,8 @@ def read_arguments(
     if not all(isinstance(effect, Effect) for effect in added):
         raise _unfit("effects", "parameters {'viscosity.nu': 1e5}, or a list of Effects", effects)
     objects: dict[str, Any] = {"effects": added}
+    if (initial := values.pop("initial", None)) is not None:
+        (values if isinstance(initial, str | Path) else objects)["initial"] = initial
     for what, kind in (("stepper", Stepper), ("preconditioner", Preconditioner)):
         method = values.pop(what, None)
         if isinstance(method, type) and issubclass(method, kind):

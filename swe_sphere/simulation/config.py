@@ -163,6 +163,10 @@ class RunConfig(SharedConfig):
     """Resume the run in this file; out may name the same file."""
     trust: Annotated[tuple[FileName, ...], Field(exclude=True)] = ()
     """Python file that may be executed if the file of a run names it; repeatable."""
+    initial: FileName | None = None
+    """Begin a new run from a frame of this file; mesh, step, stepper and effects may differ."""
+    initial_time: Days | None = None
+    """Time of that frame in its file [days] (the last frame)."""
     reference: FileName | None = None
     """Reference solution on a lat-lon grid at the final time, for errors."""
     time_limit: Positive | None = None

@@ -39,6 +39,7 @@ from swe_sphere.simulation.diagnostics import (
     reference_errors,
     state_integrals,
 )
+from swe_sphere.simulation.initial import read_initial
 from swe_sphere.simulation.loop import Interrupted, Interruption, Loop
 from swe_sphere.simulation.observers import (
     Callback,
@@ -87,6 +88,8 @@ class Simulation:
         parameters: of the scene, {"alpha": 0.8}.
         options: of the stepper, {"tolerance": 1e-6}.
         resumed: the checkpoint to resume from, see `from_checkpoint`.
+        initial: replaces the initial state of the scene: the file of a run or its dataset, on any
+            mesh, of which initial_time [days] chooses the frame, or a function as `Scene.initial`.
         settings: further fields of `RunConfig`: ne, np, dt [s], days, every [h], device,
             precision, tolerance, adaptive, ...
 
@@ -116,13 +119,14 @@ class Simulation:
         parameters: Mapping[str, object] | None = None,
         options: Mapping[str, object] | None = None,
         resumed: Restart | None = None,
+        initial: Any = None,
         **settings: Any,
     ) -> None:
         from swe_sphere.steppers import get_stepper
 
         given: dict[str, Any] = {
             "stepper": stepper, "preconditioner": preconditioner, "effects": effects,
-            "parameters": parameters, "options": options, **settings,
+            "parameters": parameters, "options": options, "initial": initial, **settings,
         }  # fmt: skip
         objects: dict[str, Any] = {}
         if config is None:
@@ -137,10 +141,14 @@ class Simulation:
         added = objects.pop("effects", ())
         self.kind = get_stepper(objects.pop("stepper", config.stepper))
         """The class of the stepper."""
-        self._objects = objects
         self.scene = build.make_scene(config, scene if isinstance(scene, Scene) else None, added)
+        self.initial = read_initial(objects.pop("initial", config.initial), config.initial_time)
+        """What the run begins from in the place of the scene's initial state; None: from that."""
+        self.scene = self.scene if self.initial is None else self.initial.begin(self.scene)
+        self._objects = objects
         self.mesh = build.make_mesh(config, self.scene, mesh)
         self.identity = identity(config, self.scene, self.mesh)
+        self.identity["initial"] = None if self.initial is None else self.initial.identity
         """Settings that a run must share with this one to resume it."""
         if self._restart is not None:
             self._restart.check(self.identity)
@@ -532,11 +540,12 @@ class Simulation:
 
     def attributes(self) -> dict[str, object]:
         """Return the resolved configuration, as files have it."""
-        method = {name: value for name, value in self._method().items() if value is not None}
+        known = self.identity | self._method()
+        begun = self.initial
         return {
             "references": self.scene.reference,
-            **self.identity,
-            **method,
+            **{name: value for name, value in known.items() if value is not None},
+            **({} if begun is None else {"origin": begun.origin, "history": begun.history}),
             "identity": self.identity,
             "code": code_fingerprint(),
             "configuration": self.config.model_dump(mode="json"),

@@ -1,0 +1,218 @@
+"""Runs that begin from a state of another run, or of a function, in the place of the scene's."""
+
+import json
+
+import numpy as np
+import pytest
+
+from swe_sphere.analysis.accessor import open_run
+from swe_sphere.cli.main import main
+from swe_sphere.errors import ConfigError
+from swe_sphere.mesh import Mesh
+from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.testcases import get_scene
+
+DAY = 86400.0
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The file of a run of half a day with three frames, and its simulation."""
+    path = tmp_path_factory.mktemp("made") / "made.nc"
+    sim = Simulation("williamson6", ne=3, np=5, dt=900.0)
+    sim.run(days=0.5, every=6.0, out=path)
+    return path, sim
+
+
+@pytest.mark.parametrize("form", ["path", "text", "dataset", "state", "frame"])
+def test_the_state_on_the_same_mesh_is_that_of_the_frame_bit_for_bit(made, form):
+    path, sim = made
+    initial = {
+        "path": path, "text": str(path), "dataset": open_run(path), "state": sim.state,
+        "frame": sim.to_xarray(),
+    }[form]  # fmt: skip
+    again = Simulation("williamson6", ne=3, np=5, dt=900.0, initial=initial)
+    for name in ("u", "v", "h"):
+        assert np.array_equal(again.start[name], sim.state[name]), name
+    assert again.run(days=0.25).status == "completed"
+    assert again.steps == 24
+
+
+def test_any_frame_is_chosen_by_its_time(made):
+    path, _ = made
+    for day in (0.0, 0.25):
+        sim = Simulation("williamson6", ne=3, np=5, initial=path, initial_time=day)
+        frame = open_run(path).sel(time=day * DAY)
+        assert np.array_equal(sim.start["h"], frame.h)
+    with pytest.raises(ConfigError, match=r"holds no frame at day 0.3: the last ones are at day"):
+        Simulation("williamson6", initial=path, initial_time=0.3)
+
+
+def test_an_explicit_run_continues_as_if_it_had_never_stopped(made):
+    """rk4 keeps nothing between steps, so that a frame holds all that it needs."""
+    path, sim = made
+    later = Simulation("williamson6", ne=3, np=5, dt=900.0, initial=path, initial_time=0.25)
+    later.run(days=0.25)
+    assert np.array_equal(later.state.h, sim.state.h)
+
+
+def test_fields_on_another_mesh_are_those_of_the_polynomials(tmp_path):
+    """A field of degree 1 in the coordinates of each element is met exactly."""
+    flat = Simulation("williamson2", ne=4, np=8, dt=600.0)
+    path = tmp_path / "a.nc"
+    flat.run(days=0, out=path)
+    turned = Simulation(
+        "williamson2", ne=5, np=4, stretch=1.5, centre_lon=20.0, spin=10.0, initial=path
+    )
+    exact = get_scene("williamson2").initial(turned.mesh.lon, turned.mesh.lat)
+    for name, values in zip(("u", "v", "h"), exact, strict=True):
+        scale = np.abs(values).max() or 40.0
+        assert np.abs(turned.start[name] - values).max() < 1e-5 * max(scale, 40.0), name
+    finer = Simulation("williamson2", ne=4, np=8, spin=0.0, initial=path)
+    assert np.array_equal(finer.start["h"], flat.start["h"])
+
+
+@pytest.mark.parametrize(
+    ("stepper", "more"),
+    [
+        ("tr-bdf2", {"effects": {"viscosity.nu": 1e5}}),
+        ("leapfrog", {}),
+        ("semi-implicit", {"precision": "float32"}),
+        ("rk4", {"effects": {"hyperviscosity.nu": 1e16}, "dt": 200.0}),
+    ],
+)
+def test_stepper_step_effects_mesh_and_precision_may_differ(made, stepper, more):
+    path, _ = made
+    sim = Simulation("williamson6", ne=4, np=4, stepper=stepper, initial=path, **more)
+    assert sim.run(days=0.125).status == "completed"
+
+
+def test_a_function_replaces_the_initial_state():
+    def calm(lon, lat):
+        return 0.0 * lon, 0.0 * lon, 5000.0 + 100.0 * np.cos(lat)
+
+    sim = Simulation("williamson2", ne=2, np=4, dt=600.0, initial=calm)
+    assert sim.start["u"].max() == 0.0
+    assert sim.start["h"].max() == pytest.approx(5100.0)
+    assert sim.run(days=0.125)["l2_h"] is None  # williamson2 starts otherwise
+
+
+def test_tracers_come_from_the_frame_and_others_begin_as_in_the_scene(tmp_path):
+    name, path = "deformational", tmp_path / "a.nc"
+    sim = Simulation(name, ne=4, np=4)
+    sim.run(days=1.0, out=path)
+    tracer = next(key for key in sim.to_xarray().data_vars if str(key).startswith("q_"))
+    again = Simulation(name, ne=4, np=4, initial=path)
+    assert np.allclose(again.start[tracer], sim.state[tracer], rtol=0.0, atol=1e-14)
+    bare = open_run(path).drop_vars(tracer)
+    fresh = Simulation(name, ne=4, np=4, initial=bare)
+    scene = Simulation(name, ne=4, np=4).start
+    assert np.allclose(fresh.start[tracer], scene[tracer], rtol=1e-13, atol=0.0)
+
+
+def test_what_is_prescribed_in_time_continues_from_the_time_of_the_frame(tmp_path):
+    name, path = "deformational", tmp_path / "a.nc"
+    whole = Simulation(name, ne=4, np=4, dt=3600.0)
+    whole.run(days=2.0, every=24.0, out=path)
+    half = Simulation(name, ne=4, np=4, dt=3600.0, initial=path, initial_time=1.0)
+    half.run(days=1.0)
+    for field in ("u", "h"):
+        assert np.allclose(half.state[field], whole.state[field], rtol=1e-13, atol=1e-13), field
+
+
+def test_a_run_is_resumed_from_the_state_that_it_began_from(made, tmp_path):
+    path, _ = made
+    out, other = tmp_path / "b.nc", tmp_path / "c.nc"
+    given = {"ne": 2, "np": 4, "dt": 900.0, "initial": path, "initial_time": 0.25}
+    Simulation("williamson6", **given).run(days=0.25, out=out)
+    Simulation("williamson6", **given).run(days=0.5, out=other)
+    assert Simulation.from_checkpoint(out).run(days=0.5, out=out).status == "completed"
+    ours, theirs = open_run(out), open_run(other)
+    assert np.array_equal(ours.h[-1], theirs.h[-1])
+    assert float(ours.mass_drift[-1]) == float(theirs.mass_drift[-1])
+    with pytest.raises(ConfigError, match="of another run: initial is"):
+        Simulation.from_checkpoint(out, initial_time=0.5)
+
+
+def test_a_run_from_an_object_is_resumed_with_that_object(made, tmp_path):
+    _, sim = made
+    out, state = tmp_path / "b.nc", sim.to_xarray()
+    Simulation("williamson6", ne=2, np=4, dt=900.0, initial=state).run(days=0.25, out=out)
+    with pytest.raises(ConfigError, match="of another run: initial is"):
+        Simulation.from_checkpoint(out)
+    again = Simulation.from_checkpoint(out, initial=state)
+    assert again.run(days=0.5, out=out).status == "completed"
+
+
+def test_history_names_file_and_frame_above_the_history_of_the_file(made, tmp_path):
+    path, _ = made
+    out = tmp_path / "b.nc"
+    with pytest.raises(SystemExit) as end:
+        main([
+            "run", "williamson6", "--initial", str(path), "--initial-time", "0.25", "--days",
+            "0.25", "--ne", "2", "--out", str(out), "--quiet",
+        ])  # fmt: skip
+    assert end.value.code == 0
+    first, second = open_run(out).history.splitlines()
+    assert first.endswith("run williamson6 from made.nc at day 0.25")
+    assert second == open_run(path).history
+    settings = json.loads(open_run(out).configuration)
+    assert (settings["initial"], settings["initial_time"]) == (str(path), 0.25)
+
+
+def test_a_run_that_became_unstable_is_rescued_with_dissipation(tmp_path):
+    path = tmp_path / "a.nc"
+    given = {"ne": 3, "np": 4}
+    sim = Simulation("williamson6", dt=7200.0, **given)
+    with pytest.warns(UserWarning, match="stability limit"):
+        assert sim.run(days=9.0, every=2.0, out=path).status == "unstable"
+    frames = open_run(path).time.values / DAY
+    rescued = Simulation(
+        "williamson6", dt=600.0, effects={"viscosity.nu": 1e6}, initial=path,
+        initial_time=float(frames[-2]), **given,
+    )  # fmt: skip
+    assert rescued.run(days=0.5).status == "completed"
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"initial": "nowhere.nc"}, "there is no file nowhere.nc"),
+        ({"initial": 3}, "initial: give a file, a dataset or a function, not 3"),
+        ({"initial_time": 0.5}, "it chooses a frame of the file initial: give both"),
+        ({"initial": np.sin, "initial_time": 0.5}, "it chooses a frame of the file initial"),
+    ],
+)
+def test_what_is_no_initial_state_is_refused_in_one_line(values, said):
+    with pytest.raises(ConfigError, match=said):
+        Simulation("williamson2", ne=2, **values)
+
+
+def test_frames_without_the_fields_or_with_nan_are_refused(made):
+    path, _ = made
+    run = open_run(path)
+    with pytest.raises(ConfigError, match=r"a dataset at day 0.5 lacks the field u: take another"):
+        Simulation("williamson2", ne=2, initial=run.drop_vars("u"))
+    spoilt = run.where(run.time < 0.4 * DAY)
+    spoilt.attrs = run.attrs
+    with pytest.raises(ConfigError, match=r"is not finite in a dataset at day 0.5: take an earl"):
+        Simulation("williamson2", ne=2, initial=spoilt)
+    at = Simulation("williamson2", ne=2, np=4, initial=spoilt, initial_time=0.25)
+    assert np.isfinite(at.start["h"]).all()
+
+
+def test_the_file_that_a_run_begins_from_is_not_its_output(made):
+    path, _ = made
+    before = path.read_bytes()
+    sim = Simulation("williamson6", ne=2, initial=path)
+    with pytest.raises(ConfigError, match="is the file that the run begins from"):
+        sim.run(days=0.25, out=path, overwrite=True)
+    assert path.read_bytes() == before
+
+
+def test_the_interpolated_mass_is_that_of_the_frame_to_the_order_of_the_elements(made):
+    path, sim = made
+    other = Simulation("williamson6", ne=6, np=6, initial=path)
+    ours = np.average(other.start["h"], weights=other.mesh.area)
+    theirs = np.average(sim.state.h, weights=Mesh.build(3, 5).area)
+    assert ours == pytest.approx(theirs, rel=1e-4)
