@@ -265,7 +265,7 @@ def test_a_full_disk_ends_a_report_with_one_line_and_leaves_the_old_one(
     monkeypatch.setattr(os, "replace", full)
     assert_refused(*swe("--report-only", "--out", "d", "--quiet"))
     assert path.read_bytes() == old
-    assert not [*path.parent.rglob("*.part")]
+    assert not [*path.parent.rglob("*.part*")]
 
 
 # --- records that are not as they should be

@@ -15,6 +15,7 @@ from swe_sphere import open_run
 from swe_sphere.analysis.regrid_file import regrid_file
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.files.durable import OLD, PART, _marked, _new_name
 from swe_sphere.io.compare import compare
 from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.io.runfile import RunFile
@@ -243,8 +244,9 @@ def write(store, mesh, k):
 
 def test_only_what_is_its_own_is_removed_when_a_store_is_replaced(mesh, tmp_path):
     """Neither what a user has called so nor what a kill has left is in the way."""
-    store, users, left = (tmp_path / f"run.zarr{end}" for end in ("", ".old", ".old.part"))
+    store, users = (tmp_path / f"run.zarr{end}" for end in ("", ".old.part"))
     write(store, mesh, 1)
+    left = _new_name(store, OLD)
     for folder in (users, left):
         folder.mkdir()
         (folder / "kept").write_text("by hand")
@@ -269,14 +271,16 @@ def test_a_kill_amid_the_replacement_loses_neither(mesh, tmp_path, monkeypatch):
     with FrameWriter(store, mesh, {}) as writer:
         with pytest.raises(KeyboardInterrupt):
             writer.write(120.0, frame(mesh, 2))
-        assert {path.name for path in tmp_path.iterdir()} == {"run.zarr.part", "run.zarr.old.part"}
+        assert [len(_marked(store, ending)) for ending in (PART, OLD)] == [1, 1]
+        assert len([*tmp_path.iterdir()]) == 2
         shutil.copytree(tmp_path, tmp_path.with_name("killed"))
     store = tmp_path.with_name("killed") / "run.zarr"
     for again in (lambda: FrameWriter(store, mesh, {}), lambda: RunFile(store)):
-        with pytest.raises(ConfigError, match=r"rename .*run\.zarr\.part \(the new one\) or .*old"):
+        with pytest.raises(ConfigError, match=r"rename .*\.part\.zarr \(the new one\) or .*old"):
             again()
-    assert RunFile(store.with_name("run.zarr.part")).times.tolist() == [120.0]
-    store.with_name("run.zarr.old.part").rename(store)
+    (new,), (old,) = _marked(store), _marked(store, OLD)
+    assert RunFile(new).times.tolist() == [120.0]
+    old.rename(store)
     assert RunFile(store).times.tolist() == [60.0]
     write(store, mesh, 3)
     assert [path.name for path in store.parent.iterdir()] == ["run.zarr"]

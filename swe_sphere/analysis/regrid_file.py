@@ -10,7 +10,7 @@ import xarray as xr
 
 from swe_sphere.analysis.regrid import Grid, fields_of, on_grid, parse_grid
 from swe_sphere.errors import ConfigError, unknown_name
-from swe_sphere.files.durable import clear_errors, part_of, remove, take_place
+from swe_sphere.files.durable import building, check_free, clear_errors
 from swe_sphere.io.growing import check_zarr
 from swe_sphere.io.layout import SERIES, history
 from swe_sphere.io.runfile import RunFile, engine
@@ -47,13 +47,11 @@ def regrid_file(
         raise ConfigError(f"cannot write {out}: give a name ending in .nc or .zarr")
     if not out.parent.is_dir():
         raise ConfigError(f"cannot write {out}: there is no folder {out.parent}")
-    if out.exists() and not overwrite:
-        raise ConfigError(f"{out} is there already: choose another name, or say --overwrite")
+    check_free(out, overwrite)
     if out.exists() and out.samefile(path):
         raise ConfigError(f"{out} is the file that is read: choose another name")
     if out.suffix == ".zarr":
         check_zarr(out)
-    part = part_of(out)
     with (
         xr.open_dataset(path, engine=engine(path), decode_times=False) as data,
         clear_errors(f"cannot write {out}"),
@@ -61,12 +59,9 @@ def regrid_file(
         chosen = _chosen(data, fields)
         before = str(data.attrs.get("history", ""))
         chosen.attrs["history"] = history(f"regrid {path.name} --grid {grid}", before)
-        try:
-            write = _write_zarr if out.suffix == ".zarr" else _write_netcdf
-            write(part, _frames(chosen, at, wanted))
-            take_place(out)
-        finally:
-            remove(part)
+        is_zarr = out.suffix == ".zarr"
+        with building(out, is_zarr) as part:
+            (_write_zarr if is_zarr else _write_netcdf)(part, _frames(chosen, at, wanted))
     return out
 
 

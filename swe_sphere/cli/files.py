@@ -44,6 +44,7 @@ def plot(
     out: Path | None = option("FILE.png", "The picture (beside the file: FILE_FIELD.png)."),
     compare: str | None = option("FILE.nc|exact", "Draw the difference from this solution."),
     trust: list[Path] | None = option("FILE", "Code of the file's scene, for exact; repeatable."),
+    overwrite: bool = flag("overwrite", "Replace an existing picture."),
     **look: Any,
 ) -> None:
     """Draw a field of a file on the globe."""
@@ -51,7 +52,8 @@ def plot(
 
     seconds = None if time is None else time * DAY
     against = None if compare is None else _against(file, compare, trust or ())
-    typer.echo(plot_file(file, field, seconds, out, validated(Look, given(look, Look)), against))
+    chosen = validated(Look, given(look, Look))
+    typer.echo(plot_file(file, field, seconds, out, chosen, against, overwrite))
 
 
 @with_flags(Look, without=["panel"])
@@ -60,12 +62,14 @@ def animate(
     field: Field = None,
     out: Path | None = option("FILE.mp4|FILE.gif", "The film (beside: FILE_FIELD.mp4)."),
     rate: float = option("N", "Frames a second.", 8.0),
+    overwrite: bool = flag("overwrite", "Replace an existing film."),
     **look: Any,
 ) -> None:
     """Make a film of all frames of a run."""
     from swe_sphere.pictures.plot import animate_file
 
-    typer.echo(animate_file(file, field, out, validated(Look, given(look, Look)), rate))
+    chosen = validated(Look, given(look, Look))
+    typer.echo(animate_file(file, field, out, chosen, rate, overwrite))
 
 
 def _against(file: Path, other: str, trust: Iterable[Path]) -> Source | Exact:

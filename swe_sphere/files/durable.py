@@ -1,21 +1,31 @@
 """Files that a kill or a full disk leaves whole, the old one or the new one.
 
-A new file is built beside its place, under another name, and takes its place by being renamed,
-which happens at once or not at all.
+A new file is built beside its place, under a name that nobody can predict, and takes its place by
+being renamed, which happens at once or not at all.
 """
 
 import errno
 import fcntl
+import hashlib
 import os
+import secrets
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from glob import escape
 from pathlib import Path
 
 from swe_sphere.errors import ConfigError, RunFailed, SweError
 
 MENDING = "; mend that and run it again: what is finished is kept"
 UNSUPPORTED = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)
+PART, OLD = ".part", ".old"
+"""Parts of temporary names: of what is being built, and of a folder that is being replaced."""
+SHOWN = 40
+"""Characters of the name of a path that its temporary names show."""
+NEW_FILE = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
+OLD_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW
+"""Flags that open a temporary file, which must not exist, and a temporary folder."""
 
 
 def write_whole(path: Path, contents: str | bytes) -> None:
@@ -23,13 +33,14 @@ def write_whole(path: Path, contents: str | bytes) -> None:
 
     Raises RunFailed if the disk refuses; the old file is then still in its place.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     with clear_errors(f"cannot write {path}", RunFailed, MENDING):
         path.parent.mkdir(parents=True, exist_ok=True)
+        part = _new_name(path)
         try:
-            part.write_bytes(contents.encode() if isinstance(contents, str) else contents)
-            sync(part)
-            _rename(part, path)
+            with open(_locked(part, NEW_FILE, path), "wb") as file:
+                file.write(contents.encode() if isinstance(contents, str) else contents)
+                file.flush()
+                take_place(part, path)
         except BaseException:
             part.unlink(missing_ok=True)
             raise
@@ -63,35 +74,47 @@ def take_lock(file: int) -> bool:
     return True
 
 
-def part_of(path: Path) -> Path:
-    """Return the path at which the file or folder for a path is built."""
-    return path.with_name(path.name + ".part")
+def _mark(path: Path, number: str) -> str:
+    """Return what marks a temporary name with a random number as one for that path."""
+    return hashlib.sha256(f"swe_sphere {path.name} {number}".encode()).hexdigest()[:8]
 
 
-def _old(path: Path) -> Path:
-    """Return the path of a folder that is being replaced."""
-    return path.with_name(path.name + ".old.part")
+def _new_name(path: Path, ending: str = PART) -> Path:
+    """Return a name beside a path that nobody can predict, with the mark of this program."""
+    number = secrets.token_hex(4)
+    token = number + _mark(path, number)
+    return path.with_name(f".{path.name[:SHOWN]}.{token}{ending}{path.suffix}")
+
+
+def _marked(path: Path, ending: str = PART) -> list[Path]:
+    """Return the files and folders with temporary names for a path that this program made."""
+    ending += path.suffix
+    beside = path.parent.glob(f".{escape(path.name[:SHOWN])}.*{ending}")
+    numbers = {each: each.name.removesuffix(ending).rpartition(".")[2] for each in beside}
+    ours = [each for each, text in numbers.items() if _mark(path, text[:8]) == text[8:]]
+    return [each for each in ours if not each.is_symlink() and (each.is_dir() or each.is_file())]
 
 
 def check_moved(path: Path) -> None:
     """Raise ConfigError where a program was killed amid `take_place`: both folders are whole."""
-    if _old(path).exists() and not path.exists():
-        raise ConfigError(
-            f"{path} was being replaced when a program was killed: rename {part_of(path)} (the new"
-            f" one) or {_old(path)} to {path}"
-        )
+    if not path.exists():
+        for old in _marked(path, OLD):
+            new = " or ".join([f"{part} (the new one)" for part in _marked(path)] + [str(old)])
+            raise ConfigError(
+                f"{path} was being replaced when a program was killed: rename {new} to {path}"
+            )
 
 
-def claim(path: Path, folder: bool = False) -> int:
-    """Open the file at `part_of(path)`, new or left behind, and lock it for as long as it is open.
+def claim(path: Path, folder: bool = False) -> tuple[int, Path]:
+    """Make a file or folder with a temporary name, for the contents that are to be at the path.
 
-    The lock is that of the file and stays with it when it is renamed.  folder: the same for a
-    folder, which is emptied.  Returns the descriptor.
+    It is locked for as long as its descriptor is open; the lock stays with it when it is renamed.
+    What a program that was killed has left is removed.  Returns the descriptor and the name.
 
     Raises:
-        ConfigError: another program writes the file, or what exists is of another kind or was left
+        ConfigError: another program writes the path, or what exists is of another kind or was left
             by a program that was killed as it replaced it.
-        OSError: it cannot be opened.
+        OSError: it cannot be made.
     """
     check_moved(path)
     if path.exists():
@@ -99,13 +122,35 @@ def claim(path: Path, folder: bool = False) -> int:
             what = "folder" if folder else "file"
             raise ConfigError(f"cannot write {path}: what is there is no {what}")
         os.close(_locked(path, os.O_RDONLY, path))
-    part = part_of(path)
+    for left in _marked(path):
+        with suppress(FileNotFoundError):
+            os.close(_locked(left, os.O_RDONLY | os.O_NOFOLLOW, path))
+            remove(left)
+    part = _new_name(path)
     if folder:
-        part.mkdir(exist_ok=True)
-    file = _locked(part, os.O_RDONLY if folder else os.O_RDWR | os.O_CREAT, path)
-    for left in part.iterdir() if folder else ():
-        remove(left)
-    return file
+        part.mkdir()
+    return _locked(part, OLD_FOLDER if folder else NEW_FILE, path), part
+
+
+@contextmanager
+def building(path: Path, folder: bool = False) -> Iterator[Path]:
+    """Yield a temporary name; what is built there in the block takes its place at the end.
+
+    Raises as `claim`.
+    """
+    file, part = claim(path, folder)
+    os.close(file)  # libraries lock the file, or replace it
+    try:
+        yield part
+        take_place(part, path)
+    finally:
+        remove(part)
+
+
+def check_free(path: Path, overwrite: bool) -> None:
+    """Raise ConfigError where a file exists that is not to be replaced."""
+    if path.exists() and not overwrite:
+        raise ConfigError(f"{path} exists: choose another name, or replace it with --overwrite")
 
 
 def _locked(place: Path, flags: int, path: Path) -> int:
@@ -117,18 +162,17 @@ def _locked(place: Path, flags: int, path: Path) -> int:
     return file
 
 
-def take_place(path: Path) -> None:
-    """Write what was built at `part_of(path)` through to the disk, and move it to the path.
+def take_place(part: Path, path: Path) -> None:
+    """Write what was built under a temporary name through to the disk, and move it to the path.
 
     A folder cannot take the place of another one at once: the old one has another name in between.
     """
-    sync(part_of(path))
+    sync(part)
     if path.is_dir():
-        remove(_old(path))  # a killed program left it, and there is a newer one
-        path.replace(_old(path))
-    _rename(part_of(path), path)
-    if path.is_dir():
-        remove(_old(path))
+        path.replace(_new_name(path, OLD))
+    _rename(part, path)
+    for old in _marked(path, OLD) if path.is_dir() else ():  # also one that a killed program left
+        remove(old)
 
 
 def remove(path: Path) -> None:

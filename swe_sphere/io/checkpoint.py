@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.durable import part_of, take_place
+from swe_sphere.files.durable import claim, take_place
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.io.schema import CheckpointHeader
 
@@ -54,14 +54,15 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     header = json.dumps(values, default=lambda numbers: numbers.tolist())
     arrays: dict[str, Any] = {ARRAY + k: array for k, array in checkpoint.state_dict.items()}
     arrays[HEADER] = np.array(header)
-    part = part_of(path)
-    try:
-        with part.open("wb") as file:
+    descriptor, part = claim(path)
+    with os.fdopen(descriptor, "wb") as file:
+        try:
             np.savez(file, **arrays)
-        take_place(path)
-    except OSError:
-        part.unlink(missing_ok=True)
-        raise
+            file.flush()
+            take_place(part, path)
+        except BaseException:
+            part.unlink(missing_ok=True)
+            raise
 
 
 def is_checkpoint(path: Path) -> bool:

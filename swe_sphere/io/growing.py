@@ -33,7 +33,6 @@ from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.files.durable import (
     allocate,
     claim,
-    part_of,
     remove,
     sync,
     take_place,
@@ -61,14 +60,14 @@ def check_zarr(path: Path) -> None:
 
 
 class Growing:
-    """A file or folder that grows, built at `part_of(place)` until it is put in place.
+    """A file or folder that grows, built under a temporary name until it is put in place.
 
     folder: whether it is a folder.  Raises ConfigError if another program writes it.
     """
 
     def __init__(self, place: Path, folder: bool = False) -> None:
         self._place = place
-        self._descriptor = claim(place, folder)
+        self._descriptor, self._part = claim(place, folder)
         self._open, self._in_place = True, False
         self.records = self.samples = 0
         """Numbers of records (frames) and of samples in each series."""
@@ -76,7 +75,7 @@ class Growing:
     def put_in_place(self) -> None:
         """Give the file its name, unless it has it already."""
         if not self._in_place:
-            take_place(self._place)
+            take_place(self._part, self._place)
             self._in_place = True
 
     def check(self, path: Path) -> None:
@@ -94,7 +93,7 @@ class Growing:
         """Close the file, which may be done again; a file that is not in place is removed."""
         if self._open:
             if not self._in_place:
-                remove(part_of(self._place))
+                remove(self._part)
             os.close(self._descriptor)
         self._open = False
 
@@ -120,7 +119,7 @@ class GrowingFile(Growing):
         """
         variables = data.variables.items()
         data.to_netcdf(
-            part_of(self._place), format="NETCDF3_64BIT", engine="netcdf4", unlimited_dims=["time"],
+            self._part, format="NETCDF3_64BIT", engine="netcdf4", unlimited_dims=["time"],
             encoding={n: {"_FillValue": None} for n, v in variables if "_FillValue" not in v.attrs},
         )  # fmt: skip
         self._lengths = {name: math.prod(v.shape[1:]) for name, v in variables if "time" in v.dims}
@@ -275,4 +274,4 @@ class GrowingStore(Growing):
 
     @property
     def _root(self) -> Path:
-        return self._place if self._in_place else part_of(self._place)
+        return self._place if self._in_place else self._part

@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.text import Text
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.durable import clear_errors
+from swe_sphere.files.durable import building, check_free, clear_errors
 from swe_sphere.io.compare import open_source
 from swe_sphere.io.reference_solution import Exact
 from swe_sphere.io.runfile import Frame, Nodal, RunFile, Source
@@ -43,6 +43,7 @@ def plot_file(
     out: str | os.PathLike[str] | None = None,
     look: Look | None = None,
     against: Source | Exact | None = None,
+    overwrite: bool = False,
 ) -> Path:
     """Draw a field of a file on the globe, with its series of errors and drifts underneath.
 
@@ -53,6 +54,7 @@ def plot_file(
     out: the picture (its ending says the format); None: beside the file, named after it and the
     field, and the day if one is asked for, as in jet_vorticity_day4.png.
     look: projection, colours, overlays.  against: draw the difference from this.
+    overwrite: replace an existing picture.
     Returns the path of the picture.  Raises ConfigError if the file cannot be read or lacks the
     field or frame, or if the picture cannot be written.
     """
@@ -63,6 +65,7 @@ def plot_file(
     out = beside if out is None else Path(out)
     if out.suffix.lower() not in (".png", ".pdf", ".svg"):
         raise ConfigError(f"cannot draw {out}: give a name ending in .png, .pdf or .svg")
+    check_free(out, overwrite)
     curves = panels(source) if look.panel and isinstance(source, RunFile) else []
     figure, rows = new_figure(), 1 + bool(curves)
     ratios = [2.3, 1.0][:rows]
@@ -77,7 +80,8 @@ def plot_file(
     with clear_errors(f"cannot write {out}"):
         png = out.suffix.lower() == ".png"
         smaller: dict[str, Any] = {"pil_kwargs": {"optimize": True}} if png else {}
-        figure.savefig(out, dpi=DOTS_PER_INCH, **smaller)
+        with building(out) as part:
+            figure.savefig(part, dpi=DOTS_PER_INCH, **smaller)
     return out
 
 
@@ -131,11 +135,12 @@ def animate_file(
     out: str | os.PathLike[str] | None = None,
     look: Look | None = None,
     rate: float = 8.0,
+    overwrite: bool = False,
 ) -> Path:
     """Draw all frames of a run as a film, with one scale of colours.
 
     field, look: as for `plot_file`.  out: ends in .mp4, which needs the package imageio-ffmpeg, or
-    in .gif; None: beside the file.  rate: frames a second.
+    in .gif; None: beside the file.  rate: frames a second.  overwrite: replace an existing film.
     Returns out, which gets its name when it is whole.  Raises ConfigError if the file cannot be
     read or has less than two frames, or if the film cannot be written.
     """
@@ -144,7 +149,7 @@ def animate_file(
     out = source.path.with_name(f"{source.path.stem}_{field}.mp4") if out is None else Path(out)
     if source.times.size < 2:
         raise ConfigError(f"{path} holds less than two frames: run with a smaller --every")
-    part = out.with_name(f"{out.stem}.part{out.suffix}")
+    check_free(out, overwrite)
     with clear_errors(f"cannot write {out}"), mpl.rc_context():
         writer, figure = _film_writer(out, rate), new_figure()
         axes = new_map(figure, look)
@@ -152,16 +157,13 @@ def animate_file(
         drawing = Drawing(source, field, look, grid_of(axes, FILM_ROWS))
         ends = np.array([limits(drawing.values(time), drawing.kind) for time in source.times])
         try:
-            with writer.saving(figure, str(part), FILM_DOTS_PER_INCH):
+            with building(out) as part, writer.saving(figure, str(part), FILM_DOTS_PER_INCH):
                 for time in source.times:
                     figure.clear()
                     drawing.draw(new_map(figure, look), time, (ends.min(), ends.max()))
                     writer.grab_frame()
-            part.replace(out)
         except CalledProcessError as error:
             raise ConfigError(f"cannot write {out}: the encoder failed: {error.stderr}") from None
-        finally:
-            part.unlink(missing_ok=True)
     return out
 
 

@@ -78,6 +78,9 @@ def check_paths(config: RunConfig) -> None:
             raise ConfigError(f"{name}: {target} cannot be written to: choose another place")
     if config.plot is not None and config.plot.suffix.lower() not in PICTURES:
         raise ConfigError(f"plot: {config.plot} must end in {', '.join(PICTURES)}")
+    if config.plot is not None and config.plot.exists() and not config.overwrite:
+        also = "" if config.restart else ", or replace it with --overwrite"
+        raise ConfigError(f"plot: {config.plot} exists: choose another name{also}")
     out, initial = config.out, config.initial
     if out and initial and out.exists() and initial.exists() and out.samefile(initial):
         raise ConfigError(f"out: {out} is the file that the run begins from: choose another name")

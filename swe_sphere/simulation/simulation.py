@@ -667,18 +667,19 @@ def run(
             warn=warn,
         )  # fmt: skip
         if out is not None and config.plot is not None:
-            summary = sim.comm.on_root(partial(_plotted, summary, out, config.plot))
+            picture = partial(_plotted, summary, out, config.plot, config.overwrite)
+            summary = sim.comm.on_root(picture)
     asked = {"out": None if config.out is None else str(config.out)}
     total = {"total_seconds": time.perf_counter() - started}
     return replace(summary, numbers={**summary.numbers, **asked, **total})
 
 
-def _plotted(summary: Summary, file: Path, picture: Path) -> Summary:
+def _plotted(summary: Summary, file: Path, picture: Path, overwrite: bool) -> Summary:
     """Draw the last frame; a picture that cannot be drawn leaves the file of the run as it is."""
     from swe_sphere.pictures.plot import plot_file  # matplotlib takes its time to import
 
     try:
-        plot_file(file, out=picture)
+        plot_file(file, out=picture, overwrite=overwrite)
     except Exception as error:  # also an unexpected error must not lose the numbers of the run
         clear = isinstance(error, SweError)
         why = str(error) if clear else f"cannot draw {picture}: {cause(error)}"

@@ -1,0 +1,167 @@
+"""Temporary files: nobody can predict their names, and only those of this program are removed."""
+
+import os
+import secrets
+
+import numpy as np
+import pytest
+
+from swe_sphere.cli.main import main
+from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.files import durable
+from swe_sphere.files.durable import building, claim, take_place, write_whole
+from swe_sphere.pictures.plot import animate_file, plot_file
+from swe_sphere.simulation.simulation import Simulation
+
+
+def small():
+    return Simulation("williamson2", ne=2, np=4, dt=1800.0)
+
+
+@pytest.mark.parametrize("name", ["run.nc", "run.zarr"])
+def test_what_a_user_has_called_like_a_temporary_file_is_left_alone(tmp_path, name):
+    pytest.importorskip("zarr")
+    theirs = tmp_path / "theirs"
+    theirs.write_text("mine")
+    for ending in (".part", ".restart.part", ".old.part"):
+        (tmp_path / f"{name}{ending}").symlink_to(theirs)
+    folder = tmp_path / f"{name}.old"
+    folder.mkdir()
+    (folder / "chapter").write_text("one")
+    for _ in range(2):
+        small().run(days=0.25, out=tmp_path / name, overwrite=True)
+    assert theirs.read_text() == "mine" and (folder / "chapter").read_text() == "one"
+    assert len([*tmp_path.iterdir()]) == 7
+
+
+@pytest.mark.parametrize("folder", [False, True])
+def test_a_temporary_name_is_another_one_each_time_and_is_locked(tmp_path, folder):
+    path, names = tmp_path / "run.nc", set()
+    for _ in range(5):
+        file, part = claim(path, folder)
+        assert part.parent == tmp_path and part.is_dir() == folder
+        with pytest.raises(ConfigError, match="another program writes it"):
+            claim(path, folder)
+        names.add(part.name)
+        os.close(file)
+    assert len(names) == 5
+    assert [each.name for each in tmp_path.iterdir()] == [part.name]  # those before were left
+
+
+@pytest.mark.parametrize("planted", ["file", "link", "dangling", "folder"])
+def test_a_temporary_file_is_created_exclusively(tmp_path, monkeypatch, planted):
+    path, theirs = tmp_path / "run.nc", tmp_path / "theirs"
+    theirs.write_text("mine")
+    monkeypatch.setattr(secrets, "token_hex", lambda _: "01234567")
+    place = durable._new_name(path)
+    if planted == "file":
+        place.write_text("mine")
+    elif planted == "folder":
+        place.mkdir()
+    else:
+        place.symlink_to(theirs if planted == "link" else tmp_path / "nowhere")
+    if planted in ("link", "dangling"):
+        with pytest.raises(OSError):
+            claim(path)
+    with pytest.raises(RunFailed, match="cannot write"):
+        write_whole(path, "ours")
+    assert theirs.read_text() == "mine" and not (tmp_path / "nowhere").exists()
+    assert not path.exists()
+
+
+def test_only_what_has_the_mark_of_the_program_is_removed(tmp_path):
+    path = tmp_path / "run.nc"
+    os.close(claim(path)[0])
+    (ours,) = tmp_path.iterdir()
+    like = [
+        ours.with_name(".run.nc.0123456789abcdef.part.nc"), ours.with_name("run.nc.part"),
+        ours.with_name(ours.name.replace("run", "sun")), ours.with_name(".run.nc.part.nc"),
+    ]  # fmt: skip
+    for each in like:
+        each.write_text("mine")
+    write_whole(path, "first")
+    assert ours.exists()
+    file, part = claim(path)
+    take_place(part, path)
+    os.close(file)
+    assert not ours.exists() and all(each.read_text() == "mine" for each in like)
+
+
+def test_what_is_built_takes_its_place_at_the_end_or_not_at_all(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("before")
+    with pytest.raises(ZeroDivisionError), building(path) as part:
+        part.write_text("half")
+        raise ZeroDivisionError
+    assert path.read_text() == "before" and [*tmp_path.iterdir()] == [path]
+    with building(path) as part:
+        part.write_text("whole")
+    assert path.read_text() == "whole" and [*tmp_path.iterdir()] == [path]
+
+
+def test_names_as_long_as_the_system_allows_are_written(tmp_path):
+    path = tmp_path / ("x" * 244 + ".nc")  # eight more for the checkpoint
+    small().run(days=0.25, out=path)
+    assert len([*tmp_path.iterdir()]) == 2
+
+
+# --- pictures and films
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    path = tmp_path_factory.mktemp("made") / "run.nc"
+    small().run(days=0.25, every=3.0, out=path)
+    return path
+
+
+def test_a_picture_replaces_no_file_unless_it_is_told_to(made, tmp_path, capsys):
+    place, film = tmp_path / "a.png", tmp_path / "a.gif"
+    for each in (place, film):
+        each.write_text("mine")
+    with pytest.raises(ConfigError, match=r"a\.png exists: choose another name, or replace it"):
+        plot_file(made, "h", out=place)
+    with pytest.raises(ConfigError, match=r"a\.gif exists: choose another name, or replace it"):
+        animate_file(made, "h", film)
+    for command, out in (("plot", place), ("animate", film)):
+        words = [command, str(made), "--field", "h", "--out", str(out)]
+        with pytest.raises(SystemExit) as end:
+            main(words)
+        assert end.value.code == 2
+        assert place.read_text() == film.read_text() == "mine"
+        with pytest.raises(SystemExit) as end:
+            main([*words, "--overwrite"])
+        assert end.value.code == 0
+        place.write_text("mine")
+    assert film.read_bytes().startswith(b"GIF")
+    assert capsys.readouterr().err.count("exists: choose another name") == 2
+
+
+def test_the_picture_of_a_run_is_refused_before_the_run(tmp_path, capsys):
+    place, out = tmp_path / "a.png", tmp_path / "run.nc"
+    place.write_text("mine")
+    words = ["run", "williamson2", "--ne=2", "--days=0.25", f"--plot={place}", f"--out={out}"]
+    with pytest.raises(SystemExit) as end:
+        main(words)
+    assert end.value.code == 2 and not out.exists()
+    assert "exists: choose another name, or replace it with --overwrite" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as end:
+        main([*words, "--overwrite", "--quiet"])
+    assert end.value.code == 0 and place.read_bytes().startswith(b"\x89PNG")
+
+
+def test_an_unfinished_picture_leaves_the_one_before(made, tmp_path, monkeypatch):
+    from matplotlib.figure import Figure
+
+    place = tmp_path / "a.png"
+    plot_file(made, "h", out=place)
+    before = place.read_bytes()
+
+    def fails(figure, file, **_):
+        file.write_bytes(np.arange(100, dtype=np.uint8).tobytes())
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Figure, "savefig", fails)
+    with pytest.raises(ConfigError, match="No space left"):
+        plot_file(made, "h", out=place, overwrite=True)
+    assert place.read_bytes() == before and [*tmp_path.iterdir()] == [place]
