@@ -352,7 +352,7 @@ def test_files_that_are_not_regridded(run, tmp_path):
     before = grid.read_bytes()
     for path, out, fields, reason in (
         (grid, "b.nc", (), "on a grid already"),
-        (run, "grid.nc", (), "is there already"),
+        (run, "grid.nc", (), "exists: choose another name"),
         (run, "b.nc", ("temperature",), "unknown field"),
         (run, "b.txt", (), "ending in .nc or .zarr"),
         (run, "missing/b.nc", (), "there is no folder"),

@@ -66,7 +66,7 @@ def test_a_temporary_file_is_created_exclusively(tmp_path, monkeypatch, planted)
     with pytest.raises(RunFailed, match="cannot write"):
         write_whole(path, "ours")
     assert theirs.read_text() == "mine" and not (tmp_path / "nowhere").exists()
-    assert not path.exists()
+    assert not path.exists() and (place.is_symlink() or place.exists())
 
 
 def test_only_what_has_the_mark_of_the_program_is_removed(tmp_path):
@@ -97,6 +97,17 @@ def test_what_is_built_takes_its_place_at_the_end_or_not_at_all(tmp_path):
     with building(path) as part:
         part.write_text("whole")
     assert path.read_text() == "whole" and [*tmp_path.iterdir()] == [path]
+
+
+def test_no_file_takes_the_place_of_a_folder(tmp_path):
+    path = tmp_path / "a.json"
+    path.mkdir()
+    (path / "chapter").write_text("one")
+    with pytest.raises(RunFailed, match="cannot write"):
+        write_whole(path, "ours")
+    with pytest.raises(OSError), building(path) as part:
+        part.write_text("ours")
+    assert (path / "chapter").read_text() == "one" and [*tmp_path.iterdir()] == [path]
 
 
 def test_names_as_long_as_the_system_allows_are_written(tmp_path):

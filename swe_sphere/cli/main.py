@@ -2,6 +2,7 @@
 
 import os
 import sys
+import time
 import traceback
 from collections.abc import Iterable, Sequence
 from importlib import import_module
@@ -14,6 +15,7 @@ from swe_sphere.cli.show import DEBUG, explain
 from swe_sphere.compiling import on_compile, tell_of_compiling
 from swe_sphere.errors import ConfigError
 from swe_sphere.ranks.communicator import OF_RANKS, refuse_ranks, world
+from swe_sphere.ranks.limits import command_began
 
 COMMANDS = {
     "list": "files:list_all", "run": "run:run", "sweep": "sweep:sweep",
@@ -61,9 +63,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
     0: done, 2: the request cannot be carried out as written, 1: the run failed, 130: interrupted.
     """
+    is_process = arguments is None
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
-        with on_compile(tell_of_compiling):
+        at = None if is_process else time.monotonic()
+        with on_compile(tell_of_compiling), command_began(at):
             app = program([name for name in arguments[:1] if name in COMMANDS] or COMMANDS)
             status = app(arguments, prog_name="swe-sphere", standalone_mode=False, obj=arguments)
     except Exception as error:

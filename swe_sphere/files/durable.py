@@ -36,11 +36,10 @@ def write_whole(path: Path, contents: str | bytes) -> None:
     with clear_errors(f"cannot write {path}", RunFailed, MENDING):
         path.parent.mkdir(parents=True, exist_ok=True)
         part = _new_name(path)
+        os.close(os.open(part, NEW_FILE, 0o666))
         try:
-            with open(_locked(part, NEW_FILE, path), "wb") as file:
-                file.write(contents.encode() if isinstance(contents, str) else contents)
-                file.flush()
-                take_place(part, path)
+            part.write_bytes(contents.encode() if isinstance(contents, str) else contents)
+            take_place(part, path)
         except BaseException:
             part.unlink(missing_ok=True)
             raise
@@ -122,6 +121,11 @@ def claim(path: Path, folder: bool = False) -> tuple[int, Path]:
             what = "folder" if folder else "file"
             raise ConfigError(f"cannot write {path}: what is there is no {what}")
         os.close(_locked(path, os.O_RDONLY, path))
+    return _create(path, folder)
+
+
+def _create(path: Path, folder: bool) -> tuple[int, Path]:
+    """Make and lock a temporary file or folder for a path, as `claim`; remove those left behind."""
     for left in _marked(path):
         with suppress(FileNotFoundError):
             os.close(_locked(left, os.O_RDONLY | os.O_NOFOLLOW, path))
@@ -134,11 +138,8 @@ def claim(path: Path, folder: bool = False) -> tuple[int, Path]:
 
 @contextmanager
 def building(path: Path, folder: bool = False) -> Iterator[Path]:
-    """Yield a temporary name; what is built there in the block takes its place at the end.
-
-    Raises as `claim`.
-    """
-    file, part = claim(path, folder)
+    """Yield a temporary name; what is built there in the block takes its place at the end."""
+    file, part = _create(path, folder)
     os.close(file)  # libraries lock the file, or replace it
     try:
         yield part
@@ -168,10 +169,11 @@ def take_place(part: Path, path: Path) -> None:
     A folder cannot take the place of another one at once: the old one has another name in between.
     """
     sync(part)
-    if path.is_dir():
+    is_folder = part.is_dir()
+    if is_folder and path.is_dir():
         path.replace(_new_name(path, OLD))
     _rename(part, path)
-    for old in _marked(path, OLD) if path.is_dir() else ():  # also one that a killed program left
+    for old in _marked(path, OLD) if is_folder else ():  # also one that a killed program left
         remove(old)
 
 

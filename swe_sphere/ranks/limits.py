@@ -1,12 +1,69 @@
-"""Limits of a process: the memory that it may still occupy, and the threads of BLAS."""
+"""Limits of a process: memory that it may still occupy, threads of BLAS, and time."""
 
 import os
 import sys
-from contextlib import AbstractContextManager, suppress
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
+from contextvars import ContextVar
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from threadpoolctl import ThreadpoolController
+
+from swe_sphere.errors import SweError
+
+
+class GivenUp(SweError):
+    """A step is given up, because the user asked to stop or the time is used up."""
+
+
+_asked: ContextVar[Callable[[], bool]] = ContextVar("asked", default=lambda: False)
+_began: ContextVar[float] = ContextVar("began")
+
+
+@contextmanager
+def within(variable: ContextVar[Any], value: object) -> Iterator[None]:
+    """Set a context variable within a block."""
+    token = variable.set(value)
+    try:
+        yield
+    finally:
+        variable.reset(token)
+
+
+def stops_if(asked: Callable[[], bool]) -> AbstractContextManager[None]:
+    """Within a block, let `check_stop` raise GivenUp where the function returns True."""
+    return within(_asked, asked)
+
+
+def check_stop() -> None:
+    """Raise GivenUp where the loop that takes the present step is to stop.
+
+    Long steps call it within them, on all ranks at the same point of their work.
+    """
+    if _asked.get()():
+        raise GivenUp("the step is given up")
+
+
+def command_began(at: float | None = None) -> AbstractContextManager[None]:
+    """Within a block, count the time of a command from `at`, or else from the process's start."""
+    return within(_began, time.monotonic() - _age() if at is None else at)
+
+
+def beginning() -> float:
+    """Return the time.monotonic [s] from which the limit of a run counts: by default now."""
+    return _began.get(time.monotonic())
+
+
+def _age() -> float:
+    """Return the wall time since this process was started [s]; 0 where it is unknown."""
+    with suppress(OSError, ValueError, IndexError, AttributeError):
+        started = Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19]
+        now = time.clock_gettime(time.CLOCK_BOOTTIME)
+        return max(0.0, now - int(started) / os.sysconf("SC_CLK_TCK"))
+    return 0.0
 
 
 @cache

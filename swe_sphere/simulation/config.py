@@ -170,7 +170,8 @@ class RunConfig(SharedConfig):
     reference: FileName | None = None
     """Reference solution on a lat-lon grid at the final time, for errors."""
     time_limit: Positive | None = None
-    """Wall time that the steps may take [s]; the run ends in good order when it is used up."""
+    """Wall time of the command [s], start-up, compiling and writing included; the run then ends
+    with a last frame, from which it can be resumed."""
     as_json: bool = False
     """Print the result as one line of JSON."""
     quiet: bool = False

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from swe_sphere.errors import TimedOut
 from swe_sphere.planet import DAY
+from swe_sphere.ranks.limits import GivenUp, stops_if
 from swe_sphere.simulation.observers import HealthCheck, Observer, observed
 
 if TYPE_CHECKING:
@@ -19,11 +20,16 @@ if TYPE_CHECKING:
 
 
 class Interrupted(Exception):
-    """The user asked the run to stop; the message names the signal."""
+    """The user asked the run to stop; the message names the signal, which has a number."""
+
+    number: int | None = None
 
 
 class Interruption:
-    """Notes the first SIGINT, SIGTERM or SIGHUP within a block; the second acts as outside of it.
+    """Notes the first signal that ends a run within a block; the second acts as outside of it.
+
+    The signals are SIGINT, SIGTERM, SIGHUP, and SIGUSR1, by which batch systems warn of the end of
+    a job.
 
     It does nothing outside the main thread, where Python delivers no signals, and nothing about an
     ignored SIGHUP, as nohup has it.
@@ -32,11 +38,13 @@ class Interruption:
     def __init__(self) -> None:
         self.received: str | None = None
         """Name of the signal, None if none has come."""
+        self.number: int | None = None
+        """Number of the signal."""
         self._before: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
-            numbers = [signal.SIGINT, signal.SIGTERM]
+            numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1]
             if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
                 numbers.append(signal.SIGHUP)
             self._before = {number: signal.signal(number, self._note) for number in numbers}
@@ -51,6 +59,7 @@ class Interruption:
             raise Interrupted(f"interrupted by {self.received}")
 
     def _note(self, number: int, _: FrameType | None) -> None:
+        self.number = number
         self.received = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
         self._restore()
 
@@ -68,7 +77,8 @@ class Loop:
     """Steps a simulation along its plan; a health check sees each state before the observers do.
 
     sim: the simulation.  observers: see the state when they are due, and always the last one.
-    time_limit: wall time that the steps may take [s].  interruption: notes signals.
+    time_limit: wall time that the run may take [s] since a time of time.monotonic; where since is
+    None, that of its steps without compiling.  interruption: notes signals.
     """
 
     def __init__(
@@ -77,12 +87,14 @@ class Loop:
         observers: Sequence[Observer],
         time_limit: float | None,
         interruption: Interruption,
+        since: float | None = None,
     ) -> None:
         self.sim, self.plan, self.observers = sim, sim.plan, observers
         self.stepper: Trajectory = sim.stepper
         self.health, self.interruption = HealthCheck(sim), interruption
         self.time_limit = math.inf if time_limit is None else time_limit
-        self._limit = sim.wall_seconds + self.time_limit
+        self._limit, self._since = sim.wall_seconds + self.time_limit, since
+        self._deadline = math.inf
         self._is_late = False
         self._last_tick = 0.0
 
@@ -93,9 +105,12 @@ class Loop:
         Interrupted where the user asked to stop.
         """
         while self.stepper.steps < self.plan.steps:
+            before = self.stepper.steps
             is_asked = self._advance(self._next_stop())
-            self.health.observe(self.sim.snapshot)
             steps = self.stepper.steps
+            if steps == before:  # whose observers have seen it
+                self._stop()
+            self.health.observe(self.sim.snapshot)
             for observer in self.observers:
                 is_end = steps == self.plan.steps and observer.sees_end
                 if is_end or observed(observer, "due", steps):
@@ -117,25 +132,38 @@ class Loop:
         """
         import warp as wp
 
-        sim, model, start = self.sim, self.sim.model, time.perf_counter()
+        sim, model, start = self.sim, self.sim.model, time.monotonic()
         sim.release()
         compiled, worked = model.compile_seconds, self._cpu_seconds()
-        deadline = start - compiled + self._limit - sim.wall_seconds
+        self._deadline = start - compiled + self._limit - sim.wall_seconds
         is_asked = False
         try:
             while True:
-                self.stepper.step()
-                now = time.perf_counter()
-                self._tick(now)
-                self._is_late = now > deadline + model.compile_seconds
-                if self.stepper.steps >= stop or (is_asked := self._is_asked_to_stop()):
+                is_asked = self._step()
+                self._tick(time.monotonic())
+                if is_asked or self.stepper.steps >= stop or (is_asked := self._is_asked_to_stop()):
                     break
             wp.synchronize_device(model.device)
             return is_asked
         finally:
-            elapsed = time.perf_counter() - start
+            elapsed = time.monotonic() - start
             sim.wall_seconds += elapsed - (model.compile_seconds - compiled)
             sim.cpu_seconds += self._cpu_seconds() - worked
+
+    def _step(self) -> bool:
+        """Take a step; where a long one is given up, return True, with the state before it."""
+        stepper = self.stepper
+        if not stepper.can_give_up:
+            stepper.step()
+            return False
+        kept, steps = stepper.state_dict(), stepper.steps
+        try:
+            with stops_if(self._is_asked_to_stop):
+                stepper.step()
+        except GivenUp:
+            stepper.load_state_dict(kept, steps)
+            return True
+        return False
 
     def _cpu_seconds(self) -> float:
         """Return the CPU time of this process without compiling [s]."""
@@ -143,6 +171,10 @@ class Loop:
 
     def _is_asked_to_stop(self) -> bool:
         """Return, on all ranks, whether one of them is late or interrupted, or was a step ago."""
+        if self._since is None:
+            self._is_late = time.monotonic() > self._deadline + self.sim.model.compile_seconds
+        else:
+            self._is_late = time.monotonic() > self._since + self.time_limit
         asked = self._is_late or self.interruption.received is not None
         return bool(self.sim.comm.any_lately(asked))
 
@@ -151,7 +183,9 @@ class Loop:
         asked = self.sim.comm.tell_all((self.interruption.received, self._is_late))
         for signal_name, _ in asked:
             if signal_name is not None:
-                raise Interrupted(signal_name)
+                stopped = Interrupted(signal_name)
+                stopped.number = self.interruption.number
+                raise stopped
         steps = self.stepper.steps
         if steps < self.plan.steps and any(is_late for _, is_late in asked):
             day = self.plan.time(steps) / DAY

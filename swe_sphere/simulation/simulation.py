@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import signal
 import tempfile
 import time
 import warnings
@@ -26,6 +27,7 @@ from swe_sphere.io.integrals import tracer_masses
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.ranks.communicator import world
+from swe_sphere.ranks.limits import beginning
 from swe_sphere.settings.values import convert, validated
 from swe_sphere.simulation import build, planning
 from swe_sphere.simulation.config import RunConfig, make_config
@@ -165,6 +167,7 @@ class Simulation:
         """Axes of the first value of each user-defined diagnostic: files have variables for it."""
         self.lost: set[Diagnostic] = set()
         """User-defined diagnostics that were not finite, of which there is one warning each."""
+        self._signal: int | None = None  # number of the signal that ended the last run
         self._plan: RunPlan | None = None
         self._stepper: Trajectory | None = None
         self._snapshot: Snapshot | None = None
@@ -337,14 +340,16 @@ class Simulation:
         observers: Sequence[Observer] = (),
         time_limit: float | None = None,
         interruption: Interruption | None = None,
+        since: float | None = None,
     ) -> Summary:
         """Step to the end of the plan, or until something goes wrong; return how, without numbers.
 
         observers: see the states when they are due, and always the last one.  time_limit: wall time
-        that the steps may take [s].  interruption: notes the signals of several simulations; it has
-        Interrupted raised where the user asked to stop.
+        [s] since a time of time.monotonic; where since is None, that of steps without compiling.
+        interruption: notes the signals of several simulations; it has Interrupted raised where the
+        user asked to stop.
         """
-        self.outcome = Summary("running")
+        self.outcome, self._signal = Summary("running"), None
         with ExitStack() as stack:  # each observer ends if it has begun
             try:
                 for observer in observers:
@@ -352,7 +357,7 @@ class Simulation:
                     stack.callback(self._end, observer)
                 _ = self.snapshot.own  # a diagnostic that fails does so before the first step
                 with nullcontext(interruption) if interruption else Interruption() as noted:
-                    Loop(self, observers, time_limit, noted).run()
+                    Loop(self, observers, time_limit, noted, since).run()
                 _ = self.diagnostics  # one that fails ends the run like other errors
                 self.outcome = Summary()
             except (Interrupted, SweError, *BREAKDOWNS) as error:
@@ -374,6 +379,7 @@ class Simulation:
                 self.outcome = replace(ended, status="failed", reason=reason)
 
     def _ended_by(self, error: Exception) -> None:
+        self._signal = getattr(error, "number", None)
         self.outcome = summary_of(error, self.time)
         self.comm.agree_to_fail(self.outcome.reason or "")
 
@@ -390,6 +396,7 @@ class Simulation:
         overwrite: bool = False,
         progress: bool | None = None,
         warn: Warn | None = None,
+        raises: bool = True,
     ) -> Summary:
         """Step to the end of the run, or until something goes wrong.
 
@@ -400,17 +407,21 @@ class Simulation:
             every: time between frames [h].
             callbacks: functions of the simulation, called after every step or when `every` says;
                 or observers.
-            time_limit: wall time that the steps may take [s].
+            time_limit: wall time that the run may take [s], start-up and writing included.
             overwrite: replace an existing file `out`.
             progress: whether to show a bar; None: in a notebook or on a terminal.
             warn: called with each warning; None: `warnings.warn`.
+            raises: whether a signal that ended the run takes effect after it.
 
         Returns:
             The numbers of the run, also where it stopped early: see `Summary.status` and `reason`.
 
         Raises:
             ConfigError: it cannot be run as requested; no step was taken.
+            KeyboardInterrupt: Ctrl-C; the last frame has been written, and the file is closed.
+                Other signals take effect then, too.
         """
+        since = beginning()
         asked = {"days": days, "every": every, "time_limit": time_limit, "out": out}
         asked |= {"overwrite": overwrite or None, "restart": self._continues}
         asked = {name: value for name, value in asked.items() if value is not None}
@@ -436,7 +447,9 @@ class Simulation:
         except (RunFailed, *BREAKDOWNS) as error:
             self._ended_by(error)
         else:
-            self.advance(observers, config.time_limit)
+            self.advance(observers, config.time_limit, since=since)
+        if self._signal is not None and raises:
+            signal.raise_signal(self._signal)
         return self.summary
 
     def _warn(self, text: str) -> None:
@@ -664,7 +677,7 @@ def run(
             out = Path(stack.enter_context(tempfile.TemporaryDirectory())) / "run.nc"
         summary = sim.run(
             out=out, overwrite=config.overwrite, callbacks=[*live, *observers], progress=False,
-            warn=warn,
+            warn=warn, raises=False,
         )  # fmt: skip
         if out is not None and config.plot is not None:
             picture = partial(_plotted, summary, out, config.plot, config.overwrite)

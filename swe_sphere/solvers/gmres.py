@@ -14,6 +14,7 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
+from swe_sphere.ranks.limits import check_stop
 from swe_sphere.solvers.krylov import KrylovSolver, LinearResult, Status
 from swe_sphere.solvers.vector_space import VectorSpace
 
@@ -196,6 +197,7 @@ class FlexibleGMRES(KrylovSolver):
         self._basis.start(start)
         met = broken = False
         for k in range(min(self.size, p.limit - p.iterations)):
+            check_stop()
             direction = rows[k]
             if p.precondition is not None:  # a flexible method cannot find M v_k again
                 p.precondition(direction, self._image_rows[k])

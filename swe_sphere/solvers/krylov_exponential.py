@@ -20,6 +20,7 @@ import scipy
 import warp as wp
 
 from swe_sphere.arrays import Array
+from swe_sphere.ranks.limits import check_stop
 from swe_sphere.solvers.gmres import KrylovBasis
 from swe_sphere.solvers.krylov import Operator
 from swe_sphere.solvers.vector_space import VectorSpace
@@ -157,6 +158,7 @@ class KrylovExponential:
         self._basis.start(size)
         small, look, rows = SmallMatrix(self.size), FIRST_LOOK, self._basis.rows
         for k in range(self.size):
+            check_stop()
             p.operator(rows[k], rows[k + 1])
             p.iterations += 1
             above, below = self._basis.extend(k + 1)

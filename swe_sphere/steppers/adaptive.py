@@ -54,6 +54,8 @@ class AdaptiveSteps(Trajectory):
     than the outer one.  Raises ConfigError for a scheme that has no such estimate.
     """
 
+    can_give_up = True
+
     def __init__(self, scheme: Stepper, tolerance: float) -> None:
         if not isinstance(scheme, ImplicitStepper) or scheme.estimate_order is None:
             names = ", ".join(name for name, cls in STEPPERS.items() if cls.estimate_order)

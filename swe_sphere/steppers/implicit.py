@@ -12,6 +12,7 @@ from swe_sphere.equations.effects import MASSES
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError, SolverFailed
 from swe_sphere.kernels import combine_kernel
+from swe_sphere.ranks.limits import check_stop
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.newton import NewtonKrylov
 from swe_sphere.solvers.preconditioners import Preconditioner, make_preconditioner
@@ -183,6 +184,7 @@ class VariableStepper(Stepper):
     """
 
     family: ClassVar[Family] = "implicit"
+    can_give_up = True
     diffusion_apart = False
     solver: StageSolver
 
@@ -225,6 +227,7 @@ class VariableStepper(Stepper):
 
         Returns what is wrong with it, in words; `state` has not changed before `accept`.
         """
+        check_stop()
         self.solver.aim(self.state, self.error_constant, self.order, dt)
         fault = self.solve_step(t, dt, self.new) or self.solver.fault(self.new)
         if fault:

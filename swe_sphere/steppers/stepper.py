@@ -56,6 +56,8 @@ class Trajectory:
     """Arrays that a method must keep between steps, by name; they are written to checkpoints."""
     solver: StageSolver | None = None
     """Solver of the equations in a step; None: it solves none."""
+    can_give_up: ClassVar[bool] = False
+    """Whether steps are long and call `check_stop`, so that one may be given up within it."""
 
     def __init__(self, model: Model, dt: float) -> None:
         """dt: time step [s]."""
