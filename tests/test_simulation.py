@@ -40,13 +40,11 @@ def small(scene="williamson2", **values):
 )
 @settings(max_examples=200, deadline=None)
 def test_steps_are_equal_and_frames_and_end_fall_on_them(days, every, dt):
-    try:
-        plan = time_plan(days, every, dt)
-    except ConfigError as error:
-        assert "fits both" in str(error)
-        return
+    plan = time_plan(days, every, dt)
     assert 0.499 * dt <= plan.dt <= dt * (1 + 1e-9)
-    assert plan.steps * plan.dt == pytest.approx(days * DAY, abs=1e-6)
+    assert plan.time(plan.steps) == pytest.approx(days * DAY, abs=1e-6)
+    assert plan.whole * plan.dt + plan.tail * plan.last == pytest.approx(days * DAY, abs=1e-6)
+    assert plan.tail <= 1 and plan.last < plan.dt
     assert plan.is_frame(0) and plan.is_frame(plan.steps)
     if every is not None and every * HOUR < days * DAY:
         assert plan.frame_steps * plan.dt == pytest.approx(every * HOUR, rel=1e-12)
@@ -109,7 +107,8 @@ def test_frames_need_not_divide_the_length():
     [
         ((1.0, None, 2 * DAY), "longer than the whole run"),
         ((1.0, None, 1e-200), "more than"),
-        ((1.0, 7.3, 3600.0), "fits both"),
+        ((1.0, 0.4, 3600.0), "fits frames every 0.4 h: change every, or take dt=1440"),
+        ((1.0, 1.0, 3600.0, [3600.5]), "fits frames every 1 h and calls every 1.00014 h"),
         ((1e-12, None, 1.0), "too short"),
     ],
 )
@@ -124,8 +123,10 @@ def test_continued_plan_keeps_the_step():
     assert (plan.dt, plan.steps, plan.frame_steps) == (600.0, 288, 36)
     with pytest.raises(ConfigError, match="already"):
         continued_plan(before, 2.0, None, done=288)
-    with pytest.raises(ConfigError, match="is no whole number of the steps of 600 s"):
-        continued_plan(before, 24.01 / 24, None, done=1)
+    plan = continued_plan(before, 24.01 / 24, None, done=1)
+    assert (plan.dt, plan.steps, plan.tail, round(plan.last, 6)) == (600.0, 145, 1, 36.0)
+    with pytest.raises(ConfigError, match="steps of 600 s that the run takes; choose 1 or 1"):
+        continued_plan(before, 2.0, 1.1, done=1)
 
 
 # --- configuration

@@ -8,15 +8,12 @@ import threading
 import time
 from collections.abc import Sequence
 from types import FrameType
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from swe_sphere.errors import TimedOut
 from swe_sphere.planet import DAY
 from swe_sphere.ranks.limits import GivenUp, stops_if
 from swe_sphere.simulation.observers import HealthCheck, Observer, observed
-
-if TYPE_CHECKING:
-    from swe_sphere.steppers import Trajectory
 
 
 class Interrupted(Exception):
@@ -90,7 +87,6 @@ class Loop:
         since: float | None = None,
     ) -> None:
         self.sim, self.plan, self.observers = sim, sim.plan, observers
-        self.stepper: Trajectory = sim.stepper
         self.health, self.interruption = HealthCheck(sim), interruption
         self.time_limit = math.inf if time_limit is None else time_limit
         self._limit, self._since = sim.wall_seconds + self.time_limit, since
@@ -104,10 +100,11 @@ class Loop:
         Raises RunFailed where a stepper or an observer fails, or the time limit is reached, and
         Interrupted where the user asked to stop.
         """
-        while self.stepper.steps < self.plan.steps:
-            before = self.stepper.steps
+        while self.sim.steps < self.plan.steps:
+            before = self.sim.steps
+            self.sim.fit_step()
             is_asked = self._advance(self._next_stop())
-            steps = self.stepper.steps
+            steps = self.sim.steps
             if steps == before:  # whose observers have seen it
                 self._stop()
             self.health.observe(self.sim.snapshot)
@@ -119,11 +116,12 @@ class Loop:
                 self._stop()
 
     def _next_stop(self) -> int:
-        """Return the next step after which an observer is due."""
-        cycle, everyone = self.plan.cycle, (self.health, *self.observers)
-        following = range(self.stepper.steps + cycle, self.plan.steps, cycle)
+        """Return the next step after which an observer is due or the step changes its length."""
+        plan, everyone, steps = self.plan, (self.health, *self.observers), self.sim.steps
+        end = min(each for each in (plan.first, plan.whole, plan.steps) if each > steps)
+        following = range(steps + plan.cycle, end, plan.cycle)
         due = (step for step in following if any(observed(each, "due", step) for each in everyone))
-        return next(due, self.plan.steps)
+        return next(due, end)
 
     def _advance(self, stop: int) -> bool:
         """Take steps, with the clock running, up to that number or until a rank is to stop.
@@ -141,7 +139,7 @@ class Loop:
             while True:
                 is_asked = self._step()
                 self._tick(time.monotonic())
-                if is_asked or self.stepper.steps >= stop or (is_asked := self._is_asked_to_stop()):
+                if is_asked or sim.steps >= stop or (is_asked := self._is_asked_to_stop()):
                     break
             wp.synchronize_device(model.device)
             return is_asked
@@ -152,7 +150,7 @@ class Loop:
 
     def _step(self) -> bool:
         """Take a step; where a long one is given up, return True, with the state before it."""
-        stepper = self.stepper
+        stepper = self.sim.stepper
         if not stepper.can_give_up:
             stepper.step()
             return False
@@ -186,7 +184,7 @@ class Loop:
                 stopped = Interrupted(signal_name)
                 stopped.number = self.interruption.number
                 raise stopped
-        steps = self.stepper.steps
+        steps = self.sim.steps
         if steps < self.plan.steps and any(is_late for _, is_late in asked):
             day = self.plan.time(steps) / DAY
             raise TimedOut(
@@ -198,4 +196,4 @@ class Loop:
         if now - self._last_tick >= TICK:
             self._last_tick = now
             for observer in self.observers:
-                observed(observer, "tick", self.stepper.steps)
+                observed(observer, "tick", self.sim.steps)

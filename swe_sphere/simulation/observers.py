@@ -81,7 +81,7 @@ class HealthCheck(Observer):
         self._energy = self._space.dot(start, start)
 
     def due(self, step: int) -> bool:
-        return step % EVERY == 0
+        return bool(step % EVERY < self._sim.plan.cycle)
 
     def observe(self, snapshot: Snapshot) -> None:
         """Raise Unstable, with what is wrong, when, and what to change, where the state is."""
@@ -149,7 +149,7 @@ class Recorder(Observer):
 
     def due(self, step: int) -> bool:
         """Return whether a sample is due: at frames, and about `SAMPLES` times a run in between."""
-        return self.plan.is_frame(step) or step % self.plan.interval(SAMPLES) == 0
+        return self.plan.is_frame(step) or self.plan.is_sample(step, SAMPLES)
 
     def observe(self, snapshot: Snapshot) -> None:
         if self.plan.is_frame(snapshot.steps):
@@ -168,7 +168,7 @@ class Recorder(Observer):
 
         def write() -> None:
             self._writer.write(snapshot.time, fields, numbers)
-            self._writer.checkpoint(arrays, self.plan.dt * steps, steps, stepper)
+            self._writer.checkpoint(arrays, snapshot.time, steps, stepper)
 
         self.sim.comm.on_root(write)
 
@@ -281,12 +281,12 @@ class Callback(Observer):
             )
 
     def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
-        self._every = plan.interval(self.times) if self.times else self.steps
-        if self.seconds is not None:
-            self._every = round(self.seconds / plan.dt)
+        self._plan = plan
 
     def due(self, step: int) -> bool:
-        return step % self._every == 0
+        if self.seconds is not None:
+            return self._plan.is_multiple(step, self.seconds)
+        return self._plan.is_sample(step, self.times) if self.times else step % self.steps == 0
 
     def observe(self, snapshot: Snapshot) -> None:
         name = getattr(self.function, "__name__", type(self.function).__name__)

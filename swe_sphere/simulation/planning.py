@@ -17,16 +17,22 @@ from swe_sphere.planet import DAY, HOUR
 MOST_STEPS = 10**9
 SHORTEST = Fraction(1, 2)
 """A given step may be shortened to no less than this part of it."""
+SHORTEST_AUTOMATIC = Fraction(1, 20)
+"""An automatic step may be shortened to this part of itself and of the times that it has to fit."""
 UNLIMITED = 1e7
 """A stability limit above this [s] is treated as none."""
 ROUNDING = 1.0 + 1e-9
 LONGEST_OF_TRACERS = 3.0 * HOUR
 """Longest automatic step of tracers in a flow that is stepped, and so changes meanwhile [s]."""
+WORTH_A_CHANGE = 1.25
+"""A step that fits is replaced by an automatic one that is longer by more than this factor."""
+MEANT = 5e-5
+"""Largest difference [h] between a time between frames and the fraction that it stands for."""
 
 
 @dataclass(frozen=True)
 class RunPlan:
-    """Equal steps from the start to the end of a run."""
+    """Equal steps up to the end of a run; a few of another length may come first and last."""
 
     dt: float
     """Length of a step [s]."""
@@ -40,14 +46,52 @@ class RunPlan:
     """How the step was chosen, in words."""
     cycle: int = 1
     """Steps that are taken together with one step of the tracers; divides all other counts."""
+    first: int = 0
+    """Number of steps before the first step of `dt`."""
+    origin: float = 0.0
+    """Time of the first step of `dt` [s]."""
+    lead: float = 0.0
+    """Length of the steps before `first` [s]."""
+    tail: int = 0
+    """Number of steps of another length at the end."""
+    last: float = 0.0
+    """Length of the steps at the end [s]."""
+    phase: int = 0
+    """Number of steps before some frame."""
+
+    @property
+    def whole(self) -> int:
+        """Number of steps before the steps at the end that have another length."""
+        return self.steps - self.tail
 
     def time(self, step: int) -> float:
         """Return the time after so many steps [s], to the microsecond."""
-        return round(step * self.dt, 6)
+        if step < self.first:
+            return round(self.origin - (self.first - step) * self.lead, 6)
+        ahead = max(0, min(step, self.steps) - self.whole)
+        return round(self.origin + (step - ahead - self.first) * self.dt + ahead * self.last, 6)
+
+    def length(self, step: int) -> float:
+        """Return the length of the step after so many steps [s]."""
+        if step < self.first:
+            return self.lead
+        return self.last if self.whole <= step < self.steps else self.dt
 
     def is_frame(self, step: int) -> bool:
         """Return whether a frame is due after so many steps."""
-        return step % self.frame_steps == 0 or step == self.steps
+        return step == self.steps or self._recurs(step, self.frame_steps, self.phase)
+
+    def is_multiple(self, step: int, seconds: float) -> bool:
+        """Return whether the time after so many steps is a multiple of a time [s]."""
+        phase = self.first + round(-self.origin % seconds / self.dt)
+        return self._recurs(step, round(seconds / self.dt), phase)
+
+    def is_sample(self, step: int, times: int) -> bool:
+        """Return whether one of about so many samples in a run is due after so many steps."""
+        return (step - self.first) % self.interval(times) == 0
+
+    def _recurs(self, step: int, count: int, phase: int) -> bool:
+        return self.first <= step <= self.whole and (step - phase) % count == 0
 
     def interval(self, times: int) -> int:
         """Return the steps between samples of which a run has about so many."""
@@ -67,13 +111,16 @@ def time_plan(
     also: Sequence[float] = (),
     cycle: int = 1,
     fewer: bool = False,
+    automatic: bool = False,
 ) -> RunPlan:
     """Return the plan of a new run.
 
     days: length of the run [days]; 0 for a plan without a step.  every: time between frames [h];
     None: about a day.  dt: time step [s], which may be shortened a little.  also: further times [s]
     whose multiples fall on steps.  cycle: steps that are taken together; fewer: or fewer of them.
-    Raises ConfigError where no step near dt fits the length and the frames.
+    automatic: whether dt may be shortened as much as frames and further times require.  The last
+    steps are shorter where the end is no multiple of the others.  Raises ConfigError where no step
+    fits.
     """
     if days == 0.0:
         return RunPlan(dt, 0, 1, dt)
@@ -82,19 +129,36 @@ def time_plan(
         raise ConfigError(f"dt={dt:g} s is longer than the whole run of {float(length):g} s")
     if length / Fraction(dt) > MOST_STEPS:
         raise ConfigError(f"dt={dt:g} s means more than {MOST_STEPS:.0e} steps: take a larger dt")
-    interval = _interval(length, every, dt)
-    common = reduce(common_measure, map(_milliseconds, also), common_measure(length, interval))
-    whole = common / _parts(common, cycle * Fraction(dt))
-    cycle = min(cycle, _parts(whole, Fraction(dt))) if fewer else cycle
-    step = whole / cycle
+    interval, calls = _interval(length, every, dt), [*map(_milliseconds, also)]
+    together = cycle
+
+    def fitted(common: Fraction) -> Fraction:
+        """Return the longest step near dt of which a time is a whole number of cycles."""
+        nonlocal together
+        whole = common / _parts(common, cycle * Fraction(dt))
+        together = min(cycle, _parts(whole, Fraction(dt))) if fewer else cycle
+        return whole / together
+
+    step = fitted(reduce(common_measure, [interval, *calls], length))
     if step < SHORTEST * Fraction(dt):
-        calls = "".join(f" and calls every {time / HOUR:g} h" for time in also)
-        raise ConfigError(
-            f"no step near {dt:g} s fits both {float(length / 3600):g} h of run and frames"
-            f" every {float(interval / 3600):g} h{calls}: change every, or take"
-            f" dt={float(step):g} or less"
-        )
-    return RunPlan(float(step), int(length / step), int(interval / step), dt, cycle=cycle)
+        times = calls if every is None and calls else [interval, *calls]
+        step = fitted(reduce(common_measure, times))
+        shortest = SHORTEST * Fraction(dt)
+        if automatic:
+            shortest = SHORTEST_AUTOMATIC * min(Fraction(dt), *times)
+        if step < shortest:
+            said = "".join(f" and calls every {time / HOUR:g} h" for time in also)
+            raise ConfigError(
+                f"no step near {dt:g} s fits frames every {float(interval / 3600):g} h{said}:"
+                f" change every, or take dt={float(step):g} or less"
+            )
+    whole = int(length / (together * step)) * together
+    left = length - whole * step
+    tail = together if left else 0
+    return RunPlan(
+        float(step), whole + tail, together * round(interval / (together * step)), dt,
+        cycle=together, tail=tail, last=float(left / together),
+    )  # fmt: skip
 
 
 def _parts(length: Fraction, longest: Fraction) -> int:
@@ -107,29 +171,73 @@ def continued_plan(
 ) -> RunPlan:
     """Return the plan of a run that continues with the steps of an earlier plan.
 
-    days, every, also: as of `time_plan`.  done: number of steps taken so far.  Raises ConfigError
-    where the length, the frames or the further times are no whole number of steps, or where the run
-    has already reached that length.
+    The last step is shorter where the end is no multiple of the others.  days, every, also: as of
+    `time_plan`.  done: number of steps taken so far.  Raises ConfigError where the frames or the
+    further times are no whole number of steps, or where the run has already reached that length.
     """
-    dt, long = plan.dt, plan.cycle * plan.dt
-    steps = plan.cycle * _whole("days", days * DAY, long)
-    if steps <= done:
+    now, end, cycle, origin = plan.time(done), days * DAY, plan.cycle, plan.origin
+    if end <= now + 1e-6:
         raise ConfigError(
-            f"the run stands at day {done * dt / DAY:g} already: give more than days={days:g} (the"
-            " length counts from the very start)"
+            f"the run stands at day {now / DAY:g} already: give more than days={days:g} (the length"
+            " counts from the very start)"
         )
+    long = cycle * plan.dt
     for seconds in also:
-        _whole("every of a callback", seconds, long)
-    interval = _interval(_milliseconds(days * DAY), every, dt)
-    frames = _whole("every", float(interval), long) if every else max(1, round(interval / long))
-    return replace(plan, steps=steps, frame_steps=min(plan.cycle * frames, steps), wanted=dt)
+        _whole("every of a callback", seconds, long, origin)
+    interval, phase = _interval(_milliseconds(end), every, plan.dt), plan.first
+    frames = round(interval / long)
+    if every is not None:
+        frames, ahead = _whole("every", float(interval), long, origin)
+        phase += cycle * ahead
+    whole = math.floor((end - origin) / long + 1e-6)
+    left = end - origin - whole * long
+    tail = cycle if left > 1e-6 * plan.dt else 0
+    steps = plan.first + cycle * whole + tail
+    return replace(
+        plan, steps=steps, frame_steps=min(cycle * max(1, frames), steps), phase=phase, tail=tail,
+        last=left / cycle if tail else 0.0, wanted=plan.dt,
+    )  # fmt: skip
+
+
+def led_plan(plan: RunPlan, done: int, now: float, also: Sequence[float] = ()) -> RunPlan:
+    """Return the plan of a new run as one that begins later, with the same end and frames.
+
+    Steps of another length lead to the next frame or further time, unless the present time is on
+    the grid of the plan.  done, now: number of steps so far, and their time [s].  also: as of
+    `time_plan`.
+    """
+    end, long = plan.time(plan.steps), plan.cycle * plan.dt
+    interval = plan.frame_steps * plan.dt
+    first, origin, lead = done, now, 0.0
+    if abs(round(now / long) * long - now) > 1e-6 * plan.dt or now > end - plan.tail * plan.last:
+        times = interval, *also
+        origin = min(end, *(math.ceil(now / each + 1e-9) * each for each in times))
+        ahead = Fraction(origin - now)
+        first += plan.cycle * _parts(ahead, Fraction(plan.cycle * plan.wanted))
+        lead = float(ahead / (first - done))
+    if origin == end:
+        return replace(
+            plan, dt=lead, steps=first, first=first, origin=end, lead=lead, tail=0, phase=first,
+            frame_steps=max(1, round(interval / lead)),
+        )  # fmt: skip
+    whole = plan.whole - round(origin / plan.dt)
+    return replace(
+        plan, steps=first + whole + plan.tail, first=first, origin=origin, lead=lead,
+        phase=first + round(-origin % interval / plan.dt),
+    )  # fmt: skip
 
 
 def _interval(length: Fraction, every: float | None, dt: float) -> Fraction:
-    """Return the time between frames [s]: as requested, else the part of the run nearest a day."""
-    if every is not None:
-        return min(length, _milliseconds(every * HOUR))
-    return length / max(1, round(length / max(Fraction(DAY), Fraction(dt))))
+    """Return the time between frames [s]: as requested, else the part of the run nearest a day.
+
+    A number of hours that is a rounded fraction stands for that fraction: 0.333333 for 1/3.
+    """
+    if every is None:
+        return length / max(1, round(length / max(Fraction(DAY), Fraction(dt))))
+    fraction = Fraction(every).limit_denominator(60)
+    if fraction > 0 and abs(fraction - Fraction(every)) < MEANT:
+        return min(length, 3600 * fraction)
+    return min(length, _milliseconds(every * HOUR))
 
 
 def _milliseconds(seconds: float) -> Fraction:
@@ -148,14 +256,19 @@ def common_measure(a: Fraction, b: Fraction) -> Fraction:
     return Fraction(numerator, a.denominator * b.denominator)
 
 
-def _whole(name: str, length: float, dt: float) -> int:
-    steps = round(length / dt)
-    if steps < 1 or abs(steps * dt - length) > 1e-6 * dt:
+def _whole(name: str, length: float, dt: float, origin: float) -> tuple[int, int]:
+    """Return the steps of dt in a length, and those from the origin to a multiple of it [s].
+
+    Raises ConfigError where they are no whole numbers.
+    """
+    steps, ahead = round(length / dt), -origin % length / dt
+    if steps < 1 or max(abs(steps * dt - length) / dt, abs(ahead - round(ahead))) > 1e-6:
+        nearest = sorted({max(1, math.floor(length / dt)), math.ceil(length / dt)})
         raise ConfigError(
             f"{name}: {length / HOUR:g} h is no whole number of the steps of {dt:g} s that the run"
-            " takes; choose a multiple"
+            f" takes; choose {' or '.join(f'{n * dt / HOUR:.9g}' for n in nearest)} h, or dt=auto"
         )
-    return steps
+    return steps, round(ahead)
 
 
 def automatic_step(sim: Any, days: float) -> tuple[float, str]:
@@ -183,21 +296,41 @@ def automatic_step(sim: Any, days: float) -> tuple[float, str]:
     return min(accurate, days * DAY), rule
 
 
-def plan_run(sim: Any, also: Sequence[float] = ()) -> RunPlan:
-    """Return the plan of a new run, with the requested step or else an automatic one.
-
-    also, ConfigError: as of `time_plan`.
-    """
-    config, length = sim.config, sim.days or 1.0
+def _chosen_step(sim: Any, days: float) -> tuple[float, str]:
+    """Return the requested step [s], or else an automatic one for so many days, and its rule."""
+    config = sim.config
     if config.dt != "auto":
-        dt, rule = config.dt, "as given"
-    elif config.adaptive is None:
-        dt, rule = automatic_step(sim, length)
-    else:
-        interval = DAY if config.every is None else config.every * HOUR
-        dt, rule = min(interval, length * DAY), "time between frames, in which steps adapt"
-    cycle, automatic = tracer_cycle(sim, dt), config.tracer_steps == "auto"
-    return replace(time_plan(sim.days, config.every, dt, also, cycle, automatic), rule=rule)
+        return config.dt, "as given"
+    if config.adaptive is None:
+        return automatic_step(sim, days)
+    interval = DAY if config.every is None else config.every * HOUR
+    return min(interval, days * DAY), "time between frames, in which steps adapt"
+
+
+def plan_run(sim: Any, also: Sequence[float] = ()) -> RunPlan:
+    """Return the plan of a run from the present state, with the requested or an automatic step.
+
+    A requested step stays for good.  An automatic one stays where it fits, unless a much longer one
+    does too.  also, ConfigError: as of `time_plan`.
+    """
+    config, days, every, done = sim.config, sim.days, sim.config.every, sim.steps
+    automatic, present = config.dt == "auto", None
+    if done:
+        try:
+            present = continued_plan(sim.grid, days, every, done, also)
+        except ConfigError:
+            if not automatic or days * DAY <= sim.time + 1e-6:
+                raise
+        if present is not None and not automatic:
+            return present
+    dt, rule = _chosen_step(sim, days - sim.time / DAY if days else 1.0)
+    cycle, fewer = tracer_cycle(sim, dt), config.tracer_steps == "auto"
+    plan = time_plan(days, every, dt, also, cycle, fewer, automatic)
+    if done:
+        plan = led_plan(plan, done, sim.time, also)
+        if present is not None and not present.tail and plan.dt <= WORTH_A_CHANGE * present.dt:
+            return present
+    return replace(plan, rule=rule)
 
 
 def tracer_cycle(sim: Any, dt: float) -> int:

@@ -34,7 +34,7 @@ OF_ONE_RUN = {
 """Fields of a configuration that belong to one run, and what in Python accepts them."""
 
 INHERITED = RunConfig.model_fields.keys() - {
-    *OF_ONE_RUN, "scene", "dt", "diagnostics", "reference", "time_limit", "trust",
+    *OF_ONE_RUN, "scene", "diagnostics", "reference", "time_limit", "trust",
 }  # fmt: skip
 """Fields of the configuration that a resumed run inherits unless they are given."""
 
@@ -117,6 +117,8 @@ def _contents(out: Path) -> str:
 
 COUNTER = "counter_"
 """Beginning of the names of counters among the arrays of a checkpoint."""
+LENGTHS = "step_lengths"
+"""Name of the array with the lengths of steps so far among the arrays of a checkpoint."""
 
 
 class Restart:
@@ -142,8 +144,7 @@ class Restart:
 
     def adopt(self, config: RunConfig) -> RunConfig:
         """Return the configuration, with the values of the earlier run for what it leaves open."""
-        names = INHERITED if self.steps else {*INHERITED, "dt"}
-        kept = {name: value for name, value in self.table().items() if name in names}
+        kept = {name: value for name, value in self.table().items() if name in INHERITED}
         for name in CODE:
             if name not in config.model_fields_set:
                 check_trusted(kept.get(name), self.path, config.trust)
@@ -177,16 +178,32 @@ class Restart:
         cycle = int(self.attributes.get("steps_at_once", 1))
         return RunPlan(dt, self.steps, self.steps, dt, "that of the restart file", cycle)
 
-    def load_into(self, stepper: Trajectory) -> None:
-        """Have a stepper resume from the arrays; ConfigError where they do not fit."""
+    def load_into(self, stepper: Trajectory, before: int) -> None:
+        """Have a stepper resume from the arrays; ConfigError where they do not fit.
+
+        before: number of steps that were taken with other steppers.
+        """
         try:
-            stepper.load_state_dict(self.arrays, self.steps)
+            stepper.load_state_dict(self.arrays, self.steps - before)
             if not all(map(math.isfinite, self.counts.values())):
                 raise ValueError("its counters are not finite")
         except (LookupError, ValueError, TypeError, ArithmeticError, RuntimeError) as error:
             raise ConfigError(
                 f"{self.path} is damaged, its arrays do not fit {stepper.name} ({cause(error)})"
             ) from error
+
+    def lengths(self, dt: float) -> list[tuple[int, float, float]]:
+        """Return the lengths of steps so far [s], the present one last.
+
+        Each has before it the number of earlier steps and their time [s].  dt: the length where
+        there is no other, as in older files and before the first step.
+        """
+        if not self.steps or LENGTHS not in self.arrays:
+            return [(0, 0.0, dt)]
+        table = self.arrays[LENGTHS]
+        if table.shape != (len(table), 3) or not (np.isfinite(table).all() and (table >= 0).all()):
+            raise ConfigError(f"{self.path} is damaged: its lengths of steps are no such numbers")
+        return [(int(steps), now, dt) for steps, now, dt in table.tolist()]
 
     @property
     def counts(self) -> dict[str, float]:

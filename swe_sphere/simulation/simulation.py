@@ -53,7 +53,14 @@ from swe_sphere.simulation.observers import (
     read_callbacks,
 )
 from swe_sphere.simulation.planning import RunPlan
-from swe_sphere.simulation.restart import COUNTER, Restart, check_paths, identity, read_restart
+from swe_sphere.simulation.restart import (
+    COUNTER,
+    LENGTHS,
+    Restart,
+    check_paths,
+    identity,
+    read_restart,
+)
 from swe_sphere.simulation.summary import BREAKDOWNS, Summary, html_table, summary_of
 
 if TYPE_CHECKING:
@@ -171,7 +178,10 @@ class Simulation:
         self._plan: RunPlan | None = None
         self._stepper: Trajectory | None = None
         self._snapshot: Snapshot | None = None
-        self._counted: dict[str, int] = {}  # counters of the model before the first step
+        self._lengths: list[tuple[int, float, float]] = []
+        """Lengths of steps so far [s], each with the number of steps and the time before it [s]."""
+        self._counted: dict[str, int] = {}  # counters of the model at that time
+        self._spent: Numbers = {}  # what had been counted by then
         if self._restart is not None:
             self.run_id = str(self._restart.attributes.get("run_id", ""))
             if self._restart.steps:
@@ -272,21 +282,30 @@ class Simulation:
         check_options(self.kind.name, self.options)
         if plan is not None:
             self._plan = planning.with_cycle(self, plan)
-        elif self.steps:
-            every = self.config.every
-            self._plan = planning.continued_plan(self.plan, self.days, every, self.steps, also)
         else:
             self._plan = planning.plan_run(self, also)
-        if not self.steps:
+        if self._stepper is None or not self.steps:
             self._start_stepper()
 
     def _start_stepper(self) -> None:
         """Build the stepper of the plan, at the initial state or that of the checkpoint."""
+        restart, plan = self._restart, self.plan
+        dt = plan.dt if restart is None else restart.lengths(plan.dt)[-1][-1]
+        stepper = self._make_stepper(dt, plan.cycle)
+        self._lengths = [(0, 0.0, dt)]
+        with users_code():
+            if restart is None:
+                stepper.start(self.model.initial_state())
+            else:
+                self._spent, self._lengths = restart.counts, restart.lengths(dt)
+                restart.load_into(stepper, self._before)
+
+    def _make_stepper(self, dt: float, cycle: int) -> Trajectory:
+        """Build the present stepper: with steps of dt [s], so many of them taken together."""
         from swe_sphere.steppers.adaptive import AdaptiveSteps
         from swe_sphere.steppers.tracer_steps import CarriedTracers, CarriedWithDepth
 
-        model, dt, cycle = self.model, self.plan.dt, self.plan.cycle
-        options = self.options | self._objects
+        model, options = self.model, self.options | self._objects
         with users_code():
             stepper: Trajectory
             if cycle == 1:
@@ -297,13 +316,27 @@ class Simulation:
                 stepper = CarriedTracers(model, self.kind(model.carrier, dt, **options), cycle)
             else:
                 stepper = CarriedWithDepth(model, self.kind, dt, cycle)
-            state = self.model.initial_state()
-            self._stepper, self._snapshot = stepper, None
-            self._counted = dict(self.model.counters)
-            if self._restart is None:
-                stepper.start(state)
-            else:
-                self._restart.load_into(stepper)
+        self._stepper, self._snapshot = stepper, None
+        self._counted = dict(model.counters)
+        return stepper
+
+    def fit_step(self) -> None:
+        """Let the next step have the length that the plan has for it."""
+        old, dt, cycle = self.stepper, self.plan.length(self.steps), self.plan.cycle
+        if (old.dt, old.together) == (dt, cycle):
+            return
+        steps, now, spent = self.steps, self.time, self.counts()
+        spent["wall_seconds"] -= self.wall_seconds
+        stepper = self._make_stepper(dt, cycle)
+        self._spent = spent
+        self._lengths.append((steps, now, dt))
+        with users_code():
+            stepper.follow(old, now)
+
+    @property
+    def _before(self) -> int:
+        """Number of steps that were taken before the stepper was built."""
+        return self._lengths[-1][0]
 
     @property
     def stepper(self) -> Trajectory:
@@ -318,16 +351,26 @@ class Simulation:
     @property
     def steps(self) -> int:
         """Steps since the start of the run."""
-        return 0 if self._stepper is None else self._stepper.steps
+        return 0 if self._stepper is None else self._before + self._stepper.steps
+
+    @property
+    def grid(self) -> RunPlan:
+        """The present plan as one of equal steps, those of the stepper or else those to come."""
+        stepper, plan = self.stepper, replace(self.plan, lead=0.0, tail=0)
+        if self.config.dt != "auto" and stepper.dt != plan.dt:
+            return replace(plan, first=self.steps, origin=self.time)
+        grid = replace(plan, dt=stepper.dt, cycle=stepper.together)
+        return replace(grid, first=self._before, origin=stepper.origin)
 
     @property
     def time(self) -> float:
         """Simulated time since the start of the run [s], to the microsecond."""
-        return 0.0 if self._stepper is None else round(self.steps * self._stepper.dt, 6)
+        return 0.0 if self._stepper is None else round(self._stepper.time, 6)
 
     def step(self) -> None:
         """Take one step; RunFailed where it cannot be taken."""
         self._begin_once()
+        self.fit_step()
         self.stepper.step()
 
     def _begin_once(self) -> None:
@@ -511,8 +554,7 @@ class Simulation:
         counts: Numbers = {name: n - counted.get(name, 0) for name, n in now.items()}
         costs = {} if self._stepper is None else self._stepper.costs()
         counts |= costs | {"wall_seconds": self.wall_seconds}
-        before = {} if self._restart is None else self._restart.counts
-        return {name: n + before.get(name, 0) for name, n in counts.items()}
+        return {name: n + self._spent.get(name, 0) for name, n in counts.items()}
 
     @property
     def summary(self) -> Summary:
@@ -534,6 +576,9 @@ class Simulation:
             numbers |= reference_errors(self.reference, self.snapshot)
         if (cuts := getattr(self._stepper, "cuts", None)) is not None:
             numbers["cuts"] = list(cuts)
+        if changes := self._lengths[1:]:
+            words = [f"{dt:.6g} s from day {now / DAY:.6g} on" for _, now, dt in changes]
+            numbers["step_changes"] = words
         return replace(outcome, numbers=numbers)
 
     def _method(self) -> dict[str, object]:
@@ -617,8 +662,8 @@ class Simulation:
         self._begin_once()
         path = Path(path)
         arrays = dict(self.restart_arrays())
-        time, name = self.stepper.dt * self.steps, self.config.stepper
-        checkpoint = Checkpoint(arrays, time, self.steps, name, plain(self.attributes()))
+        name, attributes = self.config.stepper, plain(self.attributes())
+        checkpoint = Checkpoint(arrays, self.time, self.steps, name, attributes)
 
         def write() -> None:
             if path.exists() and not is_checkpoint(path):
@@ -634,7 +679,7 @@ class Simulation:
     def restart_arrays(self) -> Mapping[str, NDArray[np.generic]]:
         """Return the arrays of an exact restart, with the counters, which are carried along."""
         counters = {f"{COUNTER}{name}": np.array(n) for name, n in self.counts().items()}
-        return self.stepper.state_dict() | counters
+        return self.stepper.state_dict() | counters | {LENGTHS: np.array(self._lengths)}
 
     def __repr__(self) -> str:
         where = "not begun" if self._stepper is None else f"day {self.time / DAY:.4g}"

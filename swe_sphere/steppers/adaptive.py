@@ -95,6 +95,10 @@ class AdaptiveSteps(Trajectory):
             self.next_dt = min(self.dt, first)
         self.cuts.clear()
 
+    def follow(self, earlier: Trajectory, t: float) -> None:
+        self.load_state_dict(earlier.state_dict() | {"origin": np.array(t)}, 0)
+        self.cuts.extend(getattr(earlier, "cuts", ()))
+
     def step(self) -> None:
         done = 0.0
         wp.copy(self._start, self.state)
@@ -161,5 +165,5 @@ class AdaptiveSteps(Trajectory):
         if "adaptive" not in state:
             raise ConfigError("the restart data are of a run with fixed steps: leave adaptive out")
         self.scheme.load_state_dict(state, steps)
-        self._origin, self.steps = float(state["origin"]), steps
+        self.origin, self.steps = float(state["origin"]), steps
         self.next_dt, self._before = state["adaptive"].tolist()

@@ -9,11 +9,13 @@ import warp as wp
 from swe_sphere.errors import ConfigError
 from swe_sphere.steppers.implicit import ImplicitStepper
 from swe_sphere.steppers.stability import check_order, checked_tableau, error_constant
-from swe_sphere.steppers.stepper import read_methods
+from swe_sphere.steppers.stepper import Trajectory, read_methods
 
 EXPECTED = 0.3
 """Part of the last change of slope that the guess expects again.  Slow flow would have all of it,
 but so it would double the noise of waves that steps do not resolve."""
+LARGEST_RATIO = 2.0
+"""Largest ratio of a step to the one before with which BDF2 extends its past (stable up to 2.4)."""
 ROUGH = 0.1
 """Relative tolerance of what is solved for an estimate."""
 
@@ -132,6 +134,12 @@ class BDF2(ImplicitStepper):
             raise ConfigError("bdf2: diffusion apart would be of first order: take it whole")
         self.previous, self._rhs = self.model.zeros(), self.model.zeros()
         self._starter = TRBDF2(self.model, self.dt, solver=self.solver)
+
+    def follow(self, earlier: Trajectory, t: float) -> None:
+        if self.dt > LARGEST_RATIO * earlier.dt:  # extrapolation over them would be unstable
+            self.start(earlier.state, t)
+        else:
+            super().follow(earlier, t)
 
     def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
         before = self.solver.last_dt

@@ -18,7 +18,7 @@ from swe_sphere.solvers.newton import NewtonKrylov
 from swe_sphere.solvers.preconditioners import Preconditioner, make_preconditioner
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.stage_solver import StageSolver
-from swe_sphere.steppers.stepper import Family, Stepper
+from swe_sphere.steppers.stepper import Family, Stepper, Trajectory
 
 KRYLOV_SIZE = 200
 KRYLOV_MEMORY = 2e9
@@ -216,6 +216,9 @@ class VariableStepper(Stepper):
                     f"{self.name}: the step from {self.time:.0f} s cannot be solved even in "
                     f"{parts // 2} parts: {fault}; choose a smaller --dt"
                 )
+
+    def follow(self, earlier: Trajectory, t: float) -> None:
+        self.load_state_dict(earlier.state_dict() | {"origin": np.array(t)}, 0)
 
     @classmethod
     def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:

@@ -58,6 +58,8 @@ class Trajectory:
     """Solver of the equations in a step; None: it solves none."""
     can_give_up: ClassVar[bool] = False
     """Whether steps are long and call `check_stop`, so that one may be given up within it."""
+    together: int = 1
+    """Number of steps that `step` takes."""
 
     def __init__(self, model: Model, dt: float) -> None:
         """dt: time step [s]."""
@@ -68,17 +70,25 @@ class Trajectory:
         self.steps = 0
         """Number of steps of dt since the start."""
         self.counters: dict[str, int] = {}
-        self._origin = 0.0
+        self.origin = 0.0
+        """Time of the start [s]."""
 
     @property
     def time(self) -> float:
         """Time of `state` [s]."""
-        return self._origin + self.steps * self.dt
+        return self.origin + self.steps * self.dt
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
         """Begin from a copy of the state at time t [s]."""
         wp.copy(self.state, state)
-        self._origin, self.steps = t, 0
+        self.origin, self.steps = t, 0
+
+    def follow(self, earlier: "Trajectory", t: float) -> None:
+        """Continue from the state of an earlier one of the same method at time t [s].
+
+        A multistep method starts again, or keeps its memory where its steps may vary.
+        """
+        self.start(earlier.state, t)
 
     def step(self) -> None:
         """Move `state` forward."""
@@ -100,7 +110,7 @@ class Trajectory:
         mesh = self.model.device_mesh
         arrays = {name: mesh.collect(array).copy() for name, array in self.arrays().items()}
         solver = {} if self.solver is None else self.solver.state_dict()
-        return arrays | {"origin": np.array(self._origin)} | solver
+        return arrays | {"origin": np.array(self.origin)} | solver
 
     def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
         """Resume from the result of `state_dict` after that many steps.
@@ -112,7 +122,7 @@ class Trajectory:
             if name not in state or not mesh.matches(state[name], array):
                 raise ConfigError(f"{misfit}: {name}")
             wp.copy(array, mesh.scatter(state[name]))
-        self._origin, self.steps = float(state["origin"]), steps
+        self.origin, self.steps = float(state["origin"]), steps
         if self.solver is not None:
             try:
                 self.solver.load_state_dict(state)

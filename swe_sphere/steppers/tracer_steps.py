@@ -119,13 +119,13 @@ class TracerSteps(Trajectory, ABC):
         """kind: class of the stepper whose steps are of dt [s]."""
         super().__init__(model.inviscid, dt)
         self.name, self.order = kind.name, min(2, kind.order)  # type: ignore[misc]
-        self.every, self._length = every, every * dt
+        self.together, self._length = every, every * dt
         self.diffusion = Diffusion(model, self._length) if model.diffusive else None
         self._rate, self._size = TransportRate(model), model.device_mesh.size
         self.counters["tracer_stages"] = 0
 
     def step(self) -> None:
-        diffuses_first = self.steps // self.every % 2 == 1
+        diffuses_first = self.steps // self.together % 2 == 1
         if self.diffusion and diffuses_first:
             self.diffusion.act(self.state)
         self._move()
@@ -134,7 +134,7 @@ class TracerSteps(Trajectory, ABC):
         self._finish()
         if self.model.limiter is not None:
             self.model.limiter(self.state)
-        self.steps += self.every
+        self.steps += self.together
 
     @abstractmethod
     def _move(self) -> None:
@@ -195,7 +195,7 @@ class CarriedTracers(TracerSteps):
         for name in (scheme.levels or ("state",))[::-1]:  # the present one becomes zero, at last
             past = getattr(scheme, name)[self._crossed]
             launch(self._add, size, past, now, -1.0, past)
-        for _ in range(self.every):
+        for _ in range(self.together):
             scheme.step()
         crossed = scheme.state[self._crossed]
         launch(self._add, size, self._nothing, crossed, 1.0 / self._length, self._flux)

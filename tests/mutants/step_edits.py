@@ -138,8 +138,8 @@ METADATA = _edits(
         "time of checkpoints one step early",
         "swe_sphere/simulation/observers.py",
         _CHECKPOINT,
-        "self.plan.dt * steps, steps",
-        "self.plan.dt * (steps - 1), steps",
+        "snapshot.time, steps, stepper",
+        "snapshot.time - self.plan.dt, steps, stepper",
     ),
     (
         "one run_id for all runs",
