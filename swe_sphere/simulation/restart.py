@@ -200,10 +200,11 @@ class Restart:
         """
         if not self.steps or LENGTHS not in self.arrays:
             return [(0, 0.0, dt)]
-        table = self.arrays[LENGTHS]
-        if table.shape != (len(table), 3) or not (np.isfinite(table).all() and (table >= 0).all()):
-            raise ConfigError(f"{self.path} is damaged: its lengths of steps are no such numbers")
-        return [(int(steps), now, dt) for steps, now, dt in table.tolist()]
+        with suppress(TypeError, ValueError, OverflowError):
+            rows = [(int(steps), now, dt) for steps, now, dt in self.arrays[LENGTHS].tolist()]
+            if rows and all(0 <= n <= self.steps and 0.0 < dt < math.inf for n, _, dt in rows):
+                return rows
+        raise ConfigError(f"{self.path} is damaged: it holds no lengths of steps")
 
     @property
     def counts(self) -> dict[str, float]:

@@ -166,7 +166,7 @@ METADATA = _edits(
         "counts before a restart forgotten",
         "swe_sphere/simulation/simulation.py",
         _CONTINUED,
-        "n + before.get(name, 0)",
+        "n + self._spent.get(name, 0)",
         "n",
     ),
     (
