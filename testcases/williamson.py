@@ -167,7 +167,7 @@ def williamson5(speed: float = 20.0) -> Scene:
 
 
 @recommended(ne=16, np=4, dt=360.0, days=14.0)
-def williamson6(perturbation: float = 0.0, omega: float = 7.848e-6) -> Scene:
+def williamson6(perturbation: float = 0.0, omega: float = 7.848e-6, depth: float = 8000.0) -> Scene:
     """Rossby-Haurwitz wave of zonal wavenumber 4.
 
     Case 6. The wave turns eastward by about 12 degrees a day (exactly so only without divergence)
@@ -178,10 +178,12 @@ def williamson6(perturbation: float = 0.0, omega: float = 7.848e-6) -> Scene:
             does not hang on round-off and mesh: h + δ/3 Σ cos^m θ cos(m λ + m), m = 1, 2, 3; a
             metre breaks the wave at about day 21 (the instability is that of Thuburn & Li 2000).
         omega: strength ω = K of the flow [s-1]; the largest wind goes with it.
+        depth: h0 [m], the depth at the poles. The wave becomes nondivergent as it grows, and its
+            speed approaches (28 ω - 2 Ω) / 30, which is 12.195 degrees a day.
     """
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        u, v, h = _rossby_haurwitz(lon, lat, omega)
+        u, v, h = _rossby_haurwitz(lon, lat, omega, depth)
         waves = (np.cos(lat) ** m * np.cos(m * lon + m) for m in (1, 2, 3))
         return u, v, h + perturbation / 3.0 * sum(waves) if perturbation else h
 
@@ -195,8 +197,8 @@ def williamson6(perturbation: float = 0.0, omega: float = 7.848e-6) -> Scene:
     )
 
 
-def _rossby_haurwitz(lon: Array, lat: Array, k: float) -> tuple[Array, Array, Array]:
-    """Wind [m s-1] and depth [m] of the wave of case 6, R = 4, ω = K = k [s-1]."""
+def _rossby_haurwitz(lon: Array, lat: Array, k: float, depth: float) -> tuple[Array, Array, Array]:
+    """Wind [m s-1] and depth [m] of the wave of case 6, R = 4, ω = K = k [s-1], h0 = depth."""
     r, a, omega = 4, EARTH.radius, EARTH.rotation
     c, s = np.cos(lat), np.sin(lat)
     u = a * k * (c + c ** (r - 1) * (r * s**2 - c**2) * np.cos(r * lon))
@@ -209,7 +211,7 @@ def _rossby_haurwitz(lon: Array, lat: Array, k: float) -> tuple[Array, Array, Ar
     once = once * ((r**2 + 2 * r + 2) - (r + 1) ** 2 * c**2)
     twice = 0.25 * k**2 * c ** (2 * r) * ((r + 1) * c**2 - (r + 2))
     wave = zonal + once * np.cos(r * lon) + twice * np.cos(2 * r * lon)
-    return u, v, 8000.0 + a**2 * wave / EARTH.gravity
+    return u, v, depth + a**2 * wave / EARTH.gravity
 
 
 def _solid_body_wind(alpha: float) -> Wind:

@@ -190,6 +190,44 @@ def homme_wave() -> Scene:
     return _changed("williamson6", change, planet=HOMME)
 
 
+def nondivergent_wave(depth: float) -> Scene:
+    """williamson6 against its nondivergent limit, which great depths [m] approach.
+
+    Without divergence the wave turns eastward at (28 ω - 2 Ω) / 30 and keeps its shape.
+    """
+    speed = (28.0 * 7.848e-6 - 2.0 * EARTH.rotation) / 30.0
+    base: Scene = get_scene("williamson6", depth=depth)
+
+    def exact(lon: Array, lat: Array, t: float) -> State:
+        u, v, h = base.initial(lon - speed * t, lat)
+        return u, v, h
+
+    return _starting(exact, base)
+
+
+def thin_flow(depth: float, alpha: float) -> Scene:
+    """The wind of williamson2 in a layer of uniform depth over a bottom that balances it (exact).
+
+    The continuous flow is stable at every depth: as seen from the fluid it is a layer at rest.
+    With winds faster than the gravity waves of the layer, schemes whose vorticity flux and kinetic
+    energy do not match are not (Hollingsworth et al. 1983; Peixoto, Thuburn & Bell 2018).
+
+    Args:
+        depth: of the layer [m].
+        alpha: tilt of the axis of flow and of rotation [rad].
+    """
+    base: Scene = get_scene("williamson2", alpha=alpha)
+
+    def exact(lon: Array, lat: Array, t: float) -> State:
+        u, v, _ = base.initial(lon, lat)
+        return u, v, depth + 0.0 * u
+
+    def bottom(lon: Array, lat: Array) -> Array:
+        return base.initial(lon, lat)[2]
+
+    return _starting(exact, base, bottom=bottom, effects=(*base.effects, Orography()))
+
+
 def thin_layer(outside: float) -> Scene:
     """A dam of 1000 m that breaks onto water of another depth [m]."""
 
@@ -353,7 +391,7 @@ SCENES: dict[str, Callable[..., Scene]] = {
     scene.__name__.replace("_", "-"): scene
     for scene in (
         decay, friction, driven, homme_mountain, homme_wave, lake_over, flow_over, noisy,
-        thin_layer, zonal, random_state,
+        thin_layer, zonal, random_state, nondivergent_wave, thin_flow,
     )
 }  # fmt: skip
 """Scenes by the names in files of cases; their keyword parameters are those of the scene."""
