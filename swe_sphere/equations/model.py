@@ -140,14 +140,17 @@ class Model(DiscreteScene):
     def initial_state(self) -> wp.array:
         """The scene's initial state.
 
-        Raises ConfigError where a depth that waves run on, which is that of the base of linearised
-        dynamics, is not positive.
+        Raises ConfigError where the depth is zero everywhere, and where a depth that waves run on,
+        which is that of the base of linearised dynamics, is not positive.
         """
         scene, mesh = self.scene, self.mesh
         if scene.wind is None and scene.effect("pressure-gradient") is not None:
             name = "initial" if scene.base is None else "base"
             _check_depth(f"{scene.name}: the {name} depth", getattr(scene, name), mesh)
-        return self.state_from(*scene.initial(mesh.lon, mesh.lat))
+        u, v, h = scene.initial(mesh.lon, mesh.lat)
+        if not h.any():
+            raise ConfigError(f"{scene.name}: the initial depth is zero everywhere: make it deeper")
+        return self.state_from(u, v, h)
 
     def fields(self, state: wp.array, t: float = 0.0) -> dict[str, Array]:
         """Winds u, v [m s-1] and depth h [m] as float64 numpy arrays (N,).

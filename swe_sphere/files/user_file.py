@@ -34,6 +34,11 @@ def check_trusted(name: object, path: Path, trusted: Iterable[Path] = ()) -> Non
         )
 
 
+def is_custom(kind: type) -> bool:
+    """Return whether a class is user-defined."""
+    return not kind.__module__.startswith("swe_sphere.")
+
+
 def load_file(path: Path, what: str) -> ModuleType:
     """Execute a file and return it as a module; what: its contents, for messages.
 

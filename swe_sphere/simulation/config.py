@@ -172,6 +172,9 @@ class RunConfig(SharedConfig):
     time_limit: Positive | None = None
     """Wall time of the command [s], start-up, compiling and writing included; the run then ends
     with a last frame, from which it can be resumed."""
+    energy_growth: Positive | None = None
+    """End the run as unstable where the energy has grown so many times, forcing and relaxation
+    apart (10; without limit where effects are user-defined)."""
     as_json: bool = False
     """Print the result as one line of JSON."""
     quiet: bool = False

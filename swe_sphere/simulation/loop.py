@@ -11,9 +11,10 @@ from types import FrameType
 from typing import Any, Self
 
 from swe_sphere.errors import TimedOut
+from swe_sphere.files.user_file import is_custom
 from swe_sphere.planet import DAY
 from swe_sphere.ranks.limits import GivenUp, stops_if
-from swe_sphere.simulation.observers import HealthCheck, Observer, observed
+from swe_sphere.simulation.observers import Callback, HealthCheck, Observer, observed
 
 
 class Interrupted(Exception):
@@ -112,8 +113,17 @@ class Loop:
                 is_end = steps == self.plan.steps and observer.sees_end
                 if is_end or observed(observer, "due", steps):
                     observed(observer, "observe", self.sim.snapshot)
+                    if isinstance(observer, Callback) or is_custom(type(observer)):
+                        self._check_changes()
             if is_asked or self._is_asked_to_stop():
                 self._stop()
+
+    def _check_changes(self) -> None:
+        """Check the state again where user-defined code has changed it."""
+        energy = self.health.energy
+        self.health.observe(self.sim.snapshot)
+        if self.health.energy != energy:
+            self.sim.release()  # whose fields are those before the change
 
     def _next_stop(self) -> int:
         """Return the next step after which an observer is due or the step changes its length."""

@@ -16,7 +16,8 @@ from functools import partial
 from numbers import Real
 from typing import Any
 
-from swe_sphere.errors import ConfigError, Unstable
+from swe_sphere.errors import ConfigError, RunFailed, Unstable
+from swe_sphere.files.user_file import is_custom
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Snapshot, called
 from swe_sphere.simulation.planning import RunPlan
@@ -51,7 +52,7 @@ class Observer:
 def observed(observer: Observer, method: str, *arguments: Any) -> Any:
     """Call a method of an observer; errors of a user-defined one end the run in one line."""
     call = getattr(observer, method)
-    if type(observer).__module__.startswith("swe_sphere."):
+    if not is_custom(type(observer)):
         return call(*arguments)
     return called(f"the observer {type(observer).__name__}", call, *arguments)
 
@@ -59,11 +60,15 @@ def observed(observer: Observer, method: str, *arguments: Any) -> Any:
 EVERY = 16
 """Steps between health checks."""
 RUNAWAY = 10.0
-"""Growth of the energy that no scene has, and every numerical explosion soon."""
+"""Growth of the energy that effects do not explain, and that every numerical explosion reaches."""
+LOST = 1e-3
+"""Relative change of the total mass that no method causes where all effects conserve it."""
+CREATED = {"float64": 1e-9, "float32": 1e-3}
+"""Relative change of the total mass in a day that may be rounding, by precision."""
 
 
 class HealthCheck(Observer):
-    """Ends a run where a value is NaN, a depth is negative or the energy runs away.
+    """Ends a run whose state is NaN, has no depth, or has energy or mass that no effect explains.
 
     It computes sums on the device of the state, and copies no field.  sim: the simulation.
     """
@@ -72,35 +77,75 @@ class HealthCheck(Observer):
         from swe_sphere.solvers.vector_space import VectorSpace  # imports Warp
         from swe_sphere.steppers.stage_solver import energy_weights
 
-        self._sim, model, mesh = sim, sim.model, sim.model.device_mesh
-        self._space = VectorSpace(energy_weights(model), model.device, mesh.real, mesh=mesh)
+        self._sim, model, scene = sim, sim.model, sim.scene
+        mesh, weights = model.device_mesh, energy_weights(model)
+        self._space = VectorSpace(weights, model.device, mesh.real, mesh=mesh)
         first = model.names.index("h") * mesh.size
         self._depth = first, first + mesh.size
-        self._linear = model.scene.linear
-        start = model.initial_state()
-        self._energy = self._space.dot(start, start)
+        start, self._unit = model.initial_state(), model.zeros()
+        self._unit[first : first + mesh.size].fill_(1.0)
+        self._mass = self._space.dot(start, self._unit)
+        self._rms = math.sqrt(self._space.dot(self._unit, self._unit) * self._square(start))
+        conserving = [e for e in scene.effects if "mass" in e.conserves]
+        self._conserves = len(conserving) == len(scene.effects) and scene.forcing is None
+        custom = [effect for effect in scene.effects if is_custom(type(effect))]
+        self._claims = [e.name for e in conserving if e in custom and e.tendencies[1] is not None]
+        self._tendency = model.right_hand_side(counted=False) if self._claims else None
+        self._rate = model.zeros()
+        self.energy = self._square(start)
+        """Energy of the state seen last, in the norm of the solvers [m2 s-2]."""
+        self._norm = math.sqrt(self.energy)
+        if scene.equilibrium is not None:
+            level = scene.equilibrium(model.mesh.lon, model.mesh.lat)
+            pulled = model.state_from(0.0 * level, 0.0 * level, level)
+            self._norm += math.sqrt(self._square(pulled))
+        self._growth = sim.config.energy_growth or (math.inf if custom else RUNAWAY)
+        self._time = 0.0
+
+    def _square(self, state: Any) -> float:
+        return float(self._space.dot(state, state))
 
     def due(self, step: int) -> bool:
         return bool(step % EVERY < self._sim.plan.cycle)
 
     def observe(self, snapshot: Snapshot) -> None:
         """Raise Unstable, with what is wrong, when, and what to change, where the state is."""
-        energy = self._space.dot(snapshot.state, snapshot.state)
+        import warp as wp
+
+        model, state, time = snapshot.model, snapshot.state, snapshot.time
+        self.energy = self._square(state)
+        if not math.isfinite(self.energy):
+            raise self._unstable("the solution is NaN", snapshot)
         # a passive h, and that of a linear wave, may undershoot zero without harm
-        depth = 0.0 if self._linear else self._space.lowest(snapshot.state, *self._depth)
-        if not math.isfinite(energy):
-            failure = "the solution is NaN"
-        elif depth < 0.0:
-            failure = f"the depth is negative ({depth:.3g} m)"
-        elif energy > RUNAWAY * self._energy:
-            failure = f"the energy has grown {energy / self._energy:.3g} times"
-        else:
-            return
+        if not model.scene.linear and (depth := self._space.lowest(state, *self._depth)) <= 0.0:
+            raise self._unstable(f"the depth is not positive ({depth:.3g} m)", snapshot)
+        if model.scene.forcing is not None:
+            model.forcing.set_time(time)
+            wp.copy(self._rate, model.parameters["forcing"])
+            self._norm += (time - self._time) * self._space.norm(self._rate)
+            self._time = time
+        growth = self.energy / self._norm**2
+        if growth > self._growth:
+            raise self._unstable(f"the energy has grown {growth:.3g} times", snapshot)
+        lost = abs(self._space.dot(state, self._unit) - self._mass) / self._rms
+        if self._conserves and lost > LOST:
+            raise self._unstable(f"the total mass has changed by {100.0 * lost:.3g} %", snapshot)
+        if self._tendency is not None:
+            self._tendency(state, time, self._rate)
+            change = DAY * abs(self._space.dot(self._rate, self._unit)) / self._rms
+            if change > CREATED[model.precision]:
+                raise RunFailed(
+                    f"the effect {' or '.join(self._claims)} changes the total mass by"
+                    f" {100.0 * change:.3g} % a day at day {time / DAY:.4g}, but its `conserves`"
+                    ' contains "mass": leave it out, as implicit steppers restore that mass'
+                )
+
+    def _unstable(self, failure: str, snapshot: Snapshot) -> Unstable:
         dt, limit = self._sim.plan.dt, self._sim.stable_dt()
         advice = "take a smaller dt"
         if dt <= limit:
             advice = "try a finer mesh, a smaller dt or more dissipation (edge-penalty.c=0.01)"
-        raise Unstable(
+        return Unstable(
             f"{failure} at day {snapshot.time / DAY:.4g} (step {snapshot.steps}): dt = {dt:.6g} s,"
             f" stability limit at the start about {limit:.4g} s; {advice}"
         )

@@ -22,7 +22,7 @@ ROWS = Path(__file__).with_name("summary.j2")
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as shells have it."""
-BREAKDOWNS = (ArithmeticError, ValueError, MemoryError)
+BREAKDOWNS = (ArithmeticError, ValueError, RuntimeError, MemoryError)
 """Errors of libraries that are given a state that is not finite, or too large a problem."""
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.user_file import users_code
+from swe_sphere.files.user_file import is_custom, users_code
 from swe_sphere.operators.replay import Replay
 from swe_sphere.ranks.limits import one_thread
 from swe_sphere.settings.registry import Registry
@@ -199,7 +199,7 @@ class Stepper(Trajectory, ABC):
         self._apart = self.diffusion if self.diffusion_steps is None else None
         self._replay: Replay | None = None
         if self.repeats_from is not None and model.scene.autonomous:
-            custom = not type(self).__module__.startswith("swe_sphere.")
+            custom = is_custom(type(self))
             self._replay = CheckedReplay(self) if custom else Replay(model.launch, model.counters)
 
     def start(self, state: wp.array, t: float = 0.0) -> None:

@@ -25,7 +25,7 @@ from swe_sphere.files.fingerprints import (
     fingerprint,
     processor,
 )
-from swe_sphere.files.user_file import is_user_file
+from swe_sphere.files.user_file import is_custom, is_user_file
 from swe_sphere.io.reference_solution import Reference, shipped_reference
 from swe_sphere.operators import find_device
 from swe_sphere.planet import DAY
@@ -383,11 +383,7 @@ def users_methods(steppers: Iterable[str], preconditioners: Iterable[str]) -> di
     """
     kinds: dict[str, type] = {f"the stepper {name}": STEPPERS.find(name) for name in steppers}
     kinds |= {f"the preconditioner {name}": PRECONDITIONERS.find(name) for name in preconditioners}
-    return {
-        what: users_fingerprint(kind)
-        for what, kind in kinds.items()
-        if not kind.__module__.startswith("swe_sphere.")
-    }
+    return {what: users_fingerprint(kind) for what, kind in kinds.items() if is_custom(kind)}
 
 
 def users_fingerprint(item: object) -> str:

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from swe_sphere.equations.scene import MOST_ELEMENTS, Scene
 from swe_sphere.errors import ConfigError, unknown_name
-from swe_sphere.files.user_file import is_user_file
+from swe_sphere.files.user_file import is_custom, is_user_file
 from swe_sphere.settings.values import by_field, names_in, read_toml, validated
 from swe_sphere.simulation.build import make_mesh, make_scene
 from swe_sphere.simulation.config import (
@@ -181,7 +181,7 @@ def _check_jobs(plan: SweepPlan, own: Scene | None) -> None:
     if plan.device != "cpu":
         raise ConfigError("jobs: runs on a GPU are made one after the other: leave jobs out")
     kinds = [get_stepper(name) for name in plan.steppers if not is_user_file(name)]
-    theirs = [kind.name for kind in kinds if not kind.__module__.startswith("swe_sphere.")]
+    theirs = [kind.name for kind in kinds if is_custom(kind)]
     made_here = [own.name] if own else [*theirs, *DIAGNOSTICS]
     if made_here:
         raise ConfigError(

@@ -1,0 +1,235 @@
+"""Runs end as soon as their state makes no sense, and only then."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from swe_sphere import Scene, Simulation
+from swe_sphere.equations import effects
+from swe_sphere.equations.effects import DYNAMICS, MASSES, PointwiseEffect, Relaxation, Rotation
+from swe_sphere.errors import ConfigError, Unstable
+from swe_sphere.simulation.observers import LOST, RUNAWAY, HealthCheck
+
+SMALL = {"ne": 2, "np": 4, "dt": 900.0}
+
+
+@dataclass(frozen=True)
+class Rain(PointwiseEffect):
+    """Adds depth everywhere at a rate [m s-1]."""
+
+    name = "rain"
+    rate: float = 1e-6
+
+    @staticmethod
+    def depth_tendency(c, i, u, v, h):
+        return c.rate
+
+    @staticmethod
+    def depth_derivative(c, i, u, v, h, du, dv, dh):
+        return dh - dh
+
+
+@dataclass(frozen=True)
+class FalseRain(Rain):
+    """Declares that it adds none."""
+
+    name = "false-rain"
+    conserves = MASSES
+
+
+@dataclass(frozen=True)
+class Mixing(Rain):
+    """Adds depth in the east and removes as much in the west."""
+
+    name = "mixing"
+    conserves = MASSES
+
+    def coefficients(self, mesh):
+        return {"rate": self.rate, "side": np.sin(mesh.lon) * np.cos(mesh.lat)}
+
+    @staticmethod
+    def depth_tendency(c, i, u, v, h):
+        return c.rate * c.side[i]
+
+
+def basin(depth: float = 200.0, **attributes) -> Scene:
+    """Water at rest."""
+    values = {"effects": (*DYNAMICS, Rotation()), "initial": lambda lon, lat: (0.0, 0.0, depth)}
+    return Scene(**{"name": "basin", **values, **attributes})
+
+
+def set_state(sim: Simulation, change) -> None:
+    """Replace the state by a function of its values."""
+    sim.stepper.state.assign(change(sim.stepper.state.numpy()))
+    sim.release()
+
+
+def depth_of(sim: Simulation) -> slice:
+    n = sim.model.device_mesh.size
+    return slice(2 * n, 3 * n)
+
+
+@pytest.mark.parametrize(
+    ("lowest", "complaint"),
+    [(np.nan, "is NaN"), (np.inf, "is NaN"), (-1e-9, "not positive"), (-0.0, "not positive"),
+     (0.0, "not positive"), (1e-9, None)],
+)  # fmt: skip
+def test_depth_is_checked_from_both_sides_of_zero(lowest, complaint):
+    sim = Simulation("williamson2", **SMALL)
+    sim.begin()
+    check = HealthCheck(sim)
+
+    def at_one_node(values):
+        values[depth_of(sim)][7] = lowest
+        return values
+
+    set_state(sim, at_one_node)
+    if complaint is None:
+        check._conserves = False  # the depth of a node has gone
+        check.observe(sim.snapshot)
+        return
+    with pytest.raises(Unstable, match=complaint):
+        check.observe(sim.snapshot)
+
+
+def test_energy_is_checked_from_both_sides_of_its_bound():
+    sim = Simulation("williamson1", **SMALL)
+    sim.begin()
+    check, start = HealthCheck(sim), sim.stepper.state.numpy().copy()
+    check._conserves = False
+    for factor, is_sound in ((0.999, True), (1.001, False)):
+        set_state(sim, lambda _, factor=factor: np.sqrt(factor * RUNAWAY) * start)
+        if is_sound:
+            check.observe(sim.snapshot)
+        else:
+            with pytest.raises(Unstable, match="energy has grown 10 times"):
+                check.observe(sim.snapshot)
+
+
+def test_mass_is_checked_from_both_sides_of_its_bound():
+    sim = Simulation(basin(), **SMALL)
+    sim.begin()
+    check, start = HealthCheck(sim), sim.stepper.state.numpy().copy()
+    for factor, is_sound in ((0.99, True), (1.01, False), (-0.99, True), (-1.01, False)):
+        set_state(sim, lambda _, factor=factor: start * (1.0 + factor * LOST))
+        if is_sound:
+            check.observe(sim.snapshot)
+        else:
+            with pytest.raises(Unstable, match=r"total mass has changed by 0\.101 %"):
+                check.observe(sim.snapshot)
+
+
+def test_relaxation_may_fill_a_basin():
+    """The energy grows 25 times; without the effect such a growth is an explosion."""
+    scene = replace(basin(), effects=(*basin().effects, Relaxation(time=3600.0)),
+                    equilibrium=lambda lon, lat: 1000.0 + 0.0 * lat)  # fmt: skip
+    summary = Simulation(scene, **SMALL).run(days=0.5)
+    assert summary.completed, summary.reason
+    assert summary["mass_drift"] > 3.9
+
+
+def test_forcing_may_fill_a_basin():
+    rate = 800.0 / 43200.0
+    scene = replace(basin(), effects=(*basin().effects, effects.Forcing()), steady_forcing=True,
+                    forcing=lambda lon, lat, t: (0.0, 0.0, rate))  # fmt: skip
+    summary = Simulation(scene, **SMALL).run(days=0.5)
+    assert summary.completed, summary.reason
+    assert summary["mass_drift"] == pytest.approx(4.0)
+
+
+def test_what_forcing_can_add_does_not_excuse_more():
+    scene = replace(basin(), effects=(*basin().effects, effects.Forcing()),
+                    forcing=lambda lon, lat, t: (0.0, 0.0, 1e-3))  # fmt: skip
+    sim = Simulation(scene, **SMALL)
+    sim.begin()
+    check = HealthCheck(sim)
+    set_state(sim, lambda values: 4.0 * values)
+    with pytest.raises(Unstable, match="energy has grown 16 times"):
+        check.observe(sim.snapshot)
+
+
+def test_user_defined_effects_may_add_energy_and_the_user_may_limit_it():
+    scene = replace(basin(), effects=(*basin().effects, Rain(rate=800.0 / 43200.0)))
+    assert Simulation(scene, **SMALL).run(days=0.5).completed
+    summary = Simulation(scene, **SMALL, energy_growth=4.0).run(days=0.5)
+    assert summary.status == "unstable" and "energy has grown" in summary.reason
+    calm = Simulation("williamson2", **SMALL, energy_growth=0.5).run(days=0.1)
+    assert calm.status == "unstable"
+
+
+@pytest.mark.parametrize("stepper", ["rk4", "tr-bdf2"])
+def test_effects_that_wrongly_declare_to_conserve_mass_are_refused(stepper):
+    scene = replace(basin(), effects=(*basin().effects, FalseRain(1e-7)))
+    summary = Simulation(scene, **SMALL, stepper=stepper).run(days=0.1)
+    assert summary.status == "failed" and summary.exit_status == 1
+    assert "the effect false-rain changes the total mass by 0.00432 % a day" in summary.reason
+    for effect in (Rain(1e-7), Mixing(1e-6)):
+        right = replace(basin(), effects=(*basin().effects, effect))
+        assert Simulation(right, **SMALL, stepper=stepper).run(days=0.1).completed
+
+
+def test_no_depth_anywhere_is_refused():
+    for depth in (0.0, -0.0, 1e-31):
+        with pytest.raises(ConfigError, match="depth"):
+            Simulation(basin(depth), **SMALL).run(days=0.1)
+    passive = basin(0.0, effects=(effects.MomentumAdvection(),))
+    with pytest.raises(ConfigError, match="zero everywhere"):
+        Simulation(passive, **SMALL).run(days=0.1)
+    assert Simulation("williamson1", **SMALL).run(days=0.1).completed  # zero but for a hill
+
+
+@pytest.mark.parametrize("stepper", ["rk4", "tr-bdf2", "bdf2", "semi-implicit", "epi3"])
+@pytest.mark.parametrize("step", [1, 4])
+def test_a_callback_that_spoils_the_state_ends_the_run(stepper, step, tmp_path):
+    """In the last step too, and with all frames that were written before."""
+    seen = []
+
+    def spoil(sim):
+        if sim.steps == step:
+            sim.stepper.state.fill_(np.nan)
+
+    sim = Simulation("williamson2", **SMALL, stepper=stepper)
+    file = tmp_path / "run.nc"
+    calls = [spoil, lambda sim: seen.append(sim.steps)]
+    summary = sim.run(days=1 / 24, out=file, every=0.25, callbacks=calls)
+    assert summary.status == "unstable" and "is NaN" in summary.reason
+    assert f"(step {step})" in summary.reason and seen == [*range(1, step)]
+    assert get_frames(file) == step + 1
+
+
+def get_frames(file) -> int:
+    from swe_sphere.io.runfile import RunFile
+
+    source = RunFile(file)
+    assert all(np.isfinite(source.frame(t)["h"]).all() for t in source.times)
+    return source.times.size
+
+
+def test_later_observers_see_what_a_callback_has_changed():
+    depths = []
+
+    def lower(sim):
+        _ = sim.state
+        sim.stepper.state.assign(0.9999 * sim.stepper.state.numpy())
+
+    sim = Simulation(basin(), **SMALL)
+    summary = sim.run(days=900 / 86400, callbacks=[lower, lambda s: depths.append(float(s.state.h[0]))])
+    assert depths == [pytest.approx(0.9999 * 200.0)]
+    assert summary["mass_drift"] == pytest.approx(-1e-4)
+
+
+def test_errors_of_numerical_libraries_end_a_run_with_its_frames(monkeypatch, tmp_path):
+    from scipy.sparse.linalg import ArpackError
+
+    sim = Simulation("williamson2", **SMALL)
+
+    def fail(stepper):
+        raise ArpackError(-9999)
+
+    monkeypatch.setattr(sim.kind, "advance", fail)
+    summary = sim.run(days=0.1, out=tmp_path / "run.nc")
+    assert summary.status == "solver-failed" and "ARPACK" in summary.reason
+    assert get_frames(tmp_path / "run.nc") == 1
