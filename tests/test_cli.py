@@ -413,3 +413,26 @@ def test_a_plain_run_loads_neither_plots_nor_files(tmp_path):
         " 'numpy.ma', 'swe_sphere.studies', 'rich.progress'} & sys.modules.keys()))"
     )
     assert output(tmp_path, code) == "[]\n"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("run", "williamson2", "--ne", "two"), ("run", "williamson2", "--nonsense", 3),
+     ("run", "--days"), ("run", "williamson2", "--days", "nan"), ("run", "nowhere"),
+     ("compare", "a.nc", "b.nc"), ("compare", "a.nc"), ("verify", "--cases", "none"),
+     ("stress", "--jobs", "many"), ("stress", "--groups", "none")],
+)  # fmt: skip
+def test_json_is_printed_for_every_mistake(swe, arguments):
+    status, out, err = swe(*arguments, "--json")
+    (line,) = out.splitlines()
+    told = json.loads(line, parse_constant=lambda name: pytest.fail(name))
+    assert status == 2 and told["status"] == "refused" and not told["completed"]
+    assert err == f"swe-sphere: {told['reason']}\n" and {*told} >= KEYS
+
+
+def test_json_has_no_bare_nan(swe, monkeypatch):
+    found = {"field": "h", "time": None, "l1": float("nan"), "l2": np.inf, "linf": 1.0}
+    monkeypatch.setattr("swe_sphere.io.compare.compare", lambda *_: found)
+    status, out, _ = swe("compare", "a.nc", "b.nc", "--json")
+    told = json.loads(out, parse_constant=lambda name: pytest.fail(name))
+    assert (status, told["l1"], told["l2"], told["linf"]) == (0, None, None, 1.0)

@@ -216,7 +216,8 @@ def test_later_observers_see_what_a_callback_has_changed():
         sim.stepper.state.assign(0.9999 * sim.stepper.state.numpy())
 
     sim = Simulation(basin(), **SMALL)
-    summary = sim.run(days=900 / 86400, callbacks=[lower, lambda s: depths.append(float(s.state.h[0]))])
+    calls = [lower, lambda sim: depths.append(float(sim.state.h[0]))]
+    summary = sim.run(days=900 / 86400, callbacks=calls)
     assert depths == [pytest.approx(0.9999 * 200.0)]
     assert summary["mass_drift"] == pytest.approx(-1e-4)
 

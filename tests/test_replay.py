@@ -124,7 +124,7 @@ def test_looking_at_the_health_reads_no_state(monkeypatch):
     check.observe(sim.snapshot)
     monkeypatch.setattr(wp.array, "numpy", numpy)
     state = sim.stepper.state.numpy()
-    for values, complaint in ((np.nan, "is NaN"), (-1.0, "depth is not positive"), (1e6, "has grown")):
+    for values, complaint in ((np.nan, "is NaN"), (-1.0, "is not positive"), (1e6, "has grown")):
         sim.stepper.state.assign(np.where(np.arange(state.size) == state.size - 1, values, state))
         with pytest.raises(Unstable, match=complaint):
             check.observe(sim.snapshot)

@@ -1,6 +1,8 @@
 """`Simulation` in Python: objects for names, callbacks, diagnostics, state, checkpoints."""
 
+import copy
 import json
+import pickle
 import re
 import time
 from dataclasses import replace
@@ -34,6 +36,31 @@ SMALL = {"ne": 2, "np": 4, "dt": 1800.0}
 
 def small(scene="williamson6", **values):
     return Simulation(scene, **{**SMALL, **values})
+
+
+def test_a_summary_is_a_mapping_and_a_table():
+    sim = small()
+    summary = sim.run(days=0.25)
+    assert {*summary} == {*json.loads(summary.as_json())} and len(summary) == len({*summary})
+    assert summary["l1_h"] is None and summary.get("nonsense") is None
+    with pytest.raises(KeyError, match=r"unknown value .* 'enrgy'; did you mean 'energy'"):
+        summary["enrgy"]
+    lines = str(summary).splitlines()
+    assert lines[0] == "williamson6 with rk4"
+    assert any(line.startswith("result   ") and "completed at day 0.25" in line for line in lines)
+    assert repr(summary) == "<Summary of williamson6 with rk4: completed>"
+    stopped = small("williamson2", dt=28800.0, days=20.0).run()
+    assert str(stopped).splitlines()[-1].startswith("why ") and "unstable" not in str(summary)
+
+
+def test_copies_are_refused_and_checkpoints_are_what_to_take_instead(tmp_path):
+    sim = small()
+    sim.run(days=0.1)
+    for copied in (copy.copy, copy.deepcopy, pickle.dumps):
+        with pytest.raises(ConfigError, match=r"cannot be copied .* sim\.checkpoint\(path\)"):
+            copied(sim)
+    again = Simulation.from_checkpoint(sim.checkpoint(tmp_path / "here"))
+    assert again.run(days=0.2)["energy"] == sim.run(days=0.2)["energy"]
 
 
 # --- the same run, however it is asked for

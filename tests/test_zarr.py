@@ -296,3 +296,30 @@ def test_what_is_no_store_is_left_alone(whole, tmp_path, capsys):
     said = capsys.readouterr().err
     assert said.count("is a folder") == 2 and said.count("holds a finished run") == 1
     assert (folder / "chapter").read_text() == "one"
+
+
+@pytest.mark.parametrize(
+    ("missing", "complaint"),
+    [("h/1.0", "values of h are"), ("u/2.0", "values of u are"), ("vorticity/1.0", "of vorticity"),
+     ("time/2", "its times"), ("b/0", "values of b are")],
+)  # fmt: skip
+def test_a_missing_chunk_is_noticed(missing, complaint, tmp_path):
+    """Zarr reads it as its fill value, and says nothing."""
+    store = tmp_path / "run.zarr"
+    assert small(scene="williamson5", days=0.25, out=store).completed
+    (store / missing).unlink()
+    time = {"h/1.0": 1.0, "vorticity/1.0": 1.0}.get(missing, 2.0) * 3.0 * 3600.0
+
+    def read():
+        RunFile(store).frame(time)
+
+    def compared():
+        compare(store, store, None if missing[0] in "tb" else missing.split("/")[0], time)
+
+    def regridded():
+        regrid_file(store, "latlon:18x36", tmp_path / "grid.nc")
+
+    for use in (read, compared, regridded):
+        with pytest.raises(ConfigError, match=f"damaged.*{complaint}"):
+            use()
+    assert not (tmp_path / "grid.nc").exists()

@@ -13,7 +13,7 @@ from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.durable import building, check_free, clear_errors
 from swe_sphere.io.growing import check_zarr
 from swe_sphere.io.layout import SERIES, history
-from swe_sphere.io.runfile import RunFile, engine
+from swe_sphere.io.runfile import RunFile, checked, engine
 from swe_sphere.mesh import Interpolator
 
 COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True}
@@ -61,7 +61,7 @@ def regrid_file(
         chosen.attrs["history"] = history(f"regrid {path.name} --grid {grid}", before)
         is_zarr = out.suffix == ".zarr"
         with building(out, is_zarr) as part:
-            (_write_zarr if is_zarr else _write_netcdf)(part, _frames(chosen, at, wanted))
+            (_write_zarr if is_zarr else _write_netcdf)(part, _frames(path, chosen, at, wanted))
     return out
 
 
@@ -76,14 +76,17 @@ def _chosen(data: xr.Dataset, fields: Sequence[str]) -> xr.Dataset:
     return data[[*dict.fromkeys([*(fields or there), *whole]), *series]]
 
 
-def _frames(data: xr.Dataset, at: Interpolator, grid: Grid) -> Iterator[xr.Dataset]:
-    """Yield frame after frame on the grid; the series come with the first."""
+def _frames(path: Path, data: xr.Dataset, at: Interpolator, grid: Grid) -> Iterator[xr.Dataset]:
+    """Yield frame after frame of a file on the grid; the series come with the first."""
     series = data[[name for name in data.data_vars if data[name].dims == (SERIES,)]]
     data = data.drop_dims(SERIES, errors="ignore")
-    yield on_grid(data.isel(time=[0]).load(), at, grid).merge(series)
     changing = data[[name for name in data.data_vars if "time" in data[name].dims]]
-    for k in range(1, data.sizes["time"]):
-        yield on_grid(changing.isel(time=[k]).load(), at, grid)
+    for k in range(data.sizes["time"]):
+        frame = (changing if k else data).isel(time=[k]).load()
+        for name in frame.data_vars:
+            checked(path, str(name), frame[name].variable)
+        found = on_grid(frame, at, grid)
+        yield found if k else found.merge(series)
 
 
 def _write_netcdf(path: Path, frames: Iterator[xr.Dataset]) -> None:

@@ -16,6 +16,7 @@ from swe_sphere.files.user_file import check_trusted
 from swe_sphere.pictures.look import Look
 from swe_sphere.planet import DAY
 from swe_sphere.settings.values import names_in, validated
+from swe_sphere.simulation.summary import finite
 
 if TYPE_CHECKING:
     from swe_sphere.io.reference_solution import Exact
@@ -109,7 +110,7 @@ def compare(
     seconds = None if time is None else time * DAY
     result = compare_files(a, b, field, seconds, across_scenes)
     if as_json:
-        typer.echo(json.dumps(result))
+        typer.echo(json.dumps(finite(result)))
         return
     when = "" if result["time"] is None else f" at day {float(result['time']) / DAY:g}"
     typer.echo(f"{result['field']}{when}")

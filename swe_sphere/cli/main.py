@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import Annotated
 
 import typer
+from typer import TyperException
 
 from swe_sphere import __version__
 from swe_sphere.cli.show import DEBUG, explain
@@ -74,6 +75,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if os.environ.get(DEBUG):
             traceback.print_exc()
         line, status = explain(error)
+        if "--json" in arguments and (arguments[0] != "run" or isinstance(error, TyperException)):
+            from swe_sphere.simulation.summary import failed_summary  # takes its time to import
+
+            typer.echo(failed_summary({}, line, status).as_json())  # others are those of `run`
         _show_failure(line)
     sys.exit(status or 0)
 

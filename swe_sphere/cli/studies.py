@@ -21,6 +21,7 @@ from swe_sphere.files.durable import clear_errors, write_whole
 from swe_sphere.settings.values import names_in
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.loop import Interrupted
+from swe_sphere.simulation.summary import finite
 
 if TYPE_CHECKING:
     from swe_sphere.studies.cases import Case, Row
@@ -104,7 +105,7 @@ def _run(
         with nullcontext() if store is None else store.unfinished():
             found = run_cases(cases, [*known], store, jobs, None if as_json else show_line)
             rows = list(found if as_json else _shown(found))
-            result = describe(rows)
+            result = finite(describe(rows))
             if file is not None:
                 words = [word for word in context.obj if word != "--resume"]
                 write_whole(file, page(folder, rows, shlex.join(["swe-sphere", *words])))

@@ -16,7 +16,7 @@ from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import Norms, norms
 from swe_sphere.io.layout import TRACER, in_python
-from swe_sphere.io.runfile import Source, reading
+from swe_sphere.io.runfile import Source, checked, reading
 from swe_sphere.io.scalar_fields import Sampler, check_field, derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.mesh.sphere import global_spline
@@ -73,7 +73,7 @@ class Reference(Source):
             self._has_frames = "time" in data.variables
             self.times = data["time"].values if self._has_frames else _titled(self.title)
             """Times [s since the start]; none where neither file nor title states one."""
-            self.fields = _fields(data, -1)
+            self.fields = _fields(self.path, data, -1)
             """Fields of the reference, or of the last time."""
             there = self.fields.keys() & data.variables.keys()
             self.about = {name: in_python(data[name].attrs) for name in there}
@@ -108,7 +108,7 @@ class Reference(Source):
         if time is None or not self._has_frames:
             return self.fields
         with reading(self.path) as data:
-            return _fields(data, self.index(time))
+            return _fields(self.path, data, self.index(time))
 
     def sampler(self, lon: Array, lat: Array) -> Sampler:
         return Spline(self, lon, lat)
@@ -137,14 +137,14 @@ def _titled(title: str) -> Array:
     return np.array([float(day) * DAY for day in re.findall(r"day (\d+(?:\.\d+)?)", title)[:1]])
 
 
-def _fields(data: xr.Dataset, index: int) -> dict[str, Array]:
+def _fields(path: Path, data: xr.Dataset, index: int) -> dict[str, Array]:
     """Return the fields (M K,) by our names, at the time of that index where there are times."""
+    there = {RENAMED.get(str(name), str(name)): one for name, one in data.variables.items()}
     return {
-        RENAMED.get(str(name), str(name)):
-            variable[index if variable.ndim == 3 else ...].values.astype(float).ravel()
-        for name, variable in data.variables.items()
-        if variable.dims in ON_GRID and np.issubdtype(variable.dtype, np.number)
-    }  # fmt: skip
+        name: checked(path, name, one[index if one.ndim == 3 else ...]).astype(float).ravel()
+        for name, one in there.items()
+        if one.dims in ON_GRID and np.issubdtype(one.dtype, np.number)
+    }
 
 
 class OnGrid:

@@ -22,7 +22,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import check_moved
 from swe_sphere.io.growing import check_zarr, is_store
-from swe_sphere.io.layout import MESH_ATTRIBUTES, SERIES, SUMMARY, in_python
+from swe_sphere.io.layout import MESH_ATTRIBUTES, SERIES, SUMMARY, TRACER, VARIABLES, in_python
 from swe_sphere.io.scalar_fields import Sampler, derive, evaluate
 from swe_sphere.io.schema import RunAttributes, mesh_of
 from swe_sphere.mesh import Interpolator, Mesh
@@ -30,6 +30,8 @@ from swe_sphere.planet import DAY
 
 FRAME = ("time", "node")
 """Dimensions of the fields of frames."""
+FINITE = (*VARIABLES["frames"], "b", "surface")
+"""Fields without missing values, as are mixing ratios."""
 TOLERANCE = 1e-6 * DAY
 """Largest difference [s] between a frame's time and the requested one."""
 
@@ -73,6 +75,19 @@ def check_length(path: Path) -> None:
             netcdf_file(path, mmap=True).close()
         return
     raise ValueError("it ends within its data")
+
+
+def checked(path: Path, name: str, variable: xr.Variable) -> Array:
+    """Return the values of a variable; ConfigError where one of a field of ours is missing."""
+    values: Array = variable.values
+    if name in FINITE or name.startswith(TRACER):
+        fill = variable.attrs.get("_FillValue", np.nan)
+        if missing := np.count_nonzero(~np.isfinite(values) | (values == fill)):
+            raise ConfigError(
+                f"{path} is incomplete or damaged: {missing} values of {name} are missing or not"
+                " finite"
+            )
+    return values
 
 
 def table_in(text: str) -> dict[str, Any]:
@@ -194,9 +209,9 @@ class RunFile(Nodal):
                     raise ValueError(f"{name} holds no numbers")
             self.about = {name: in_python(data[name].attrs) for name in fields}
             self.times = data["time"].values
-            if self.times.ndim != 1 or not np.isfinite(self.times).all():
-                raise ValueError("its times are no times")
-            self.bottom = data["b"].values
+            if not (self.times.ndim == 1 and np.all(np.diff(self.times, prepend=-1.0) > 0.0)):
+                raise ValueError("its times do not increase")
+            self.bottom = checked(self.path, "b", data["b"].variable)
 
     @cached_property
     def mesh(self) -> Mesh:  # type: ignore[override]
@@ -211,7 +226,9 @@ class RunFile(Nodal):
     def frame(self, time: float | None = None) -> dict[str, Array]:
         index = self.index(time)
         with reading(self.path) as data:
-            return {"b": self.bottom} | {name: data[name][index].values for name in self.about}
+            frame = {name: data[name][index].variable for name in self.about}
+            found = {name: checked(self.path, name, field) for name, field in frame.items()}
+            return {"b": self.bottom} | found
 
     def series(self) -> tuple[Array, dict[str, Array]]:
         """Times (D,) [s] of the diagnostics and each of them (D,), NaN where missing."""

@@ -133,6 +133,9 @@ class Restart:
         self.path, checkpoint = path, read_checkpoint(path)
         self.attributes, self.arrays = checkpoint.attributes, checkpoint.state_dict
         self.steps = checkpoint.steps
+        for name, array in self.arrays.items():
+            if array.dtype.kind == "f" and not np.isfinite(array).all():
+                raise ConfigError(f"{path} cannot be resumed from: its {name} is not finite")
 
     def table(self, name: str = "configuration") -> dict[str, Any]:
         """Return a table among the attributes; ConfigError if there is none."""

@@ -10,9 +10,10 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property, partial, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from threading import RLock
+from typing import TYPE_CHECKING, Any, NoReturn, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +73,7 @@ if TYPE_CHECKING:
     from swe_sphere.steppers import Trajectory
 
 T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., Any])
 Warn = Callable[[str], None]
 
 COSTS = (
@@ -84,8 +86,26 @@ FAR = 1.05
 """A step longer than the stability limit by this factor causes a warning."""
 
 
+_LOCK = RLock()
+"""What Warp records and compiles is shared by all threads of a process."""
+
+
+def exclusive(method: F) -> F:
+    """Let one thread at a time run the method, and turn failures in files of users into a line."""
+
+    @wraps(method)
+    def locked(*args: Any, **kwargs: Any) -> Any:
+        with _LOCK, users_code():
+            return method(*args, **kwargs)
+
+    return cast("F", locked)
+
+
 class Simulation:
     """A scene, a mesh and a stepper, set up and stepped.
+
+    Simulations in several threads of a process work one after the other, a whole run each.  A
+    simulation cannot be copied or pickled: write and read a checkpoint.
 
     Args:
         scene: the name of a scene, the path of a .py or .toml file with one, or a `Scene`.
@@ -116,6 +136,7 @@ class Simulation:
         ConfigError: the simulation cannot be set up as requested, in one line.
     """
 
+    @exclusive
     def __init__(
         self,
         scene: str | Path | Scene,
@@ -245,11 +266,19 @@ class Simulation:
                 f" {self.days:g}: take days={time / DAY:g} or another reference"
             )
 
+    def __reduce_ex__(self, protocol: object) -> NoReturn:
+        raise ConfigError(
+            "a Simulation cannot be copied or pickled: write sim.checkpoint(path), and begin others"
+            " with Simulation.from_checkpoint(path)"
+        )
+
     @property
+    @exclusive
     def start(self) -> Fields:
         """Return all fields of the initial state of the scene, each (N,)."""
         return Snapshot(self.model, self.model.initial_state(), 0.0).all_fields
 
+    @exclusive
     def stable_dt(self) -> float:
         """Return the stability limit at the initial state [s], about; infinite if there is none.
 
@@ -265,6 +294,7 @@ class Simulation:
         return self._limit
 
     @cached_property
+    @exclusive
     def gravity_limit(self) -> float:
         """1 over the spectral radius of waves at the initial state [s]."""
         radius = self.model.spectrum(self.model.initial_state()).wave
@@ -272,6 +302,7 @@ class Simulation:
 
     # --- stepping
 
+    @exclusive
     def begin(self, plan: RunPlan | None = None, also: Sequence[float] = ()) -> None:
         """Plan the steps up to the end, and build the stepper unless it has taken some already.
 
@@ -367,6 +398,7 @@ class Simulation:
         """Simulated time since the start of the run [s], to the microsecond."""
         return 0.0 if self._stepper is None else round(self._stepper.time, 6)
 
+    @exclusive
     def step(self) -> None:
         """Take one step; RunFailed where it cannot be taken."""
         self._begin_once()
@@ -378,6 +410,7 @@ class Simulation:
             self.begin()
             self.stable_dt()
 
+    @exclusive
     def advance(
         self,
         observers: Sequence[Observer] = (),
@@ -399,7 +432,10 @@ class Simulation:
                     observed(observer, "begin", self.plan, self.snapshot)
                     stack.callback(self._end, observer)
                 _ = self.snapshot.own  # a diagnostic that fails does so before the first step
-                with nullcontext(interruption) if interruption else Interruption() as noted:
+                with (
+                    users_code(),
+                    nullcontext(interruption) if interruption else Interruption() as noted,
+                ):
                     Loop(self, observers, time_limit, noted, since).run()
                 _ = self.diagnostics  # one that fails ends the run like other errors
                 self.outcome = Summary()
@@ -428,6 +464,7 @@ class Simulation:
 
     # --- running
 
+    @exclusive
     def run(
         self,
         days: float | None = None,
@@ -497,7 +534,7 @@ class Simulation:
 
     def _warn(self, text: str) -> None:
         if self.comm.rank == 0:
-            warnings.warn(text, stacklevel=4)
+            warnings.warn(text, stacklevel=5)
 
     def _warn_of_run(self) -> None:
         """Warn of a restart by other code, and of a step that is too long."""
@@ -516,6 +553,7 @@ class Simulation:
     # --- the state and its numbers
 
     @property
+    @exclusive
     def snapshot(self) -> Snapshot:
         """The present state, with its fields as arrays (N,)."""
         if self._snapshot is None or self._snapshot.steps != self.steps:
@@ -534,6 +572,7 @@ class Simulation:
         return None if stepper is None else float(getattr(stepper, "next_dt", stepper.dt))
 
     @cached_property
+    @exclusive
     def initial_numbers(self) -> tuple[Numbers, Numbers]:
         """Integrals, and masses of tracers, of the initial state: drifts are relative to them."""
         start = self.start
@@ -541,6 +580,7 @@ class Simulation:
         return state_integrals(self.model, start), masses
 
     @property
+    @exclusive
     def diagnostics(self) -> Numbers:
         """Return all numbers of the state: integrals, drifts, Courant numbers, errors, and others.
 
@@ -557,6 +597,7 @@ class Simulation:
         return {name: n + self._spent.get(name, 0) for name, n in counts.items()}
 
     @property
+    @exclusive
     def summary(self) -> Summary:
         """The numbers of the state, and how the last run ended."""
         outcome, names = self.outcome, ("scene", "ne", "np", "stretch", "precision", "effects")
@@ -629,6 +670,7 @@ class Simulation:
         """Depth, wind, vorticity, divergence and tracers on the nodes (N,), with their units."""
         return self.to_xarray().isel(time=0)
 
+    @exclusive
     def to_xarray(self) -> xr.Dataset:
         """Return the state as a frame of a file: fields on (time, node), points, areas, bottom."""
         from swe_sphere.analysis import accessor  # noqa: F401 - registers `ds.swe`
@@ -637,6 +679,7 @@ class Simulation:
         now = self.snapshot.frame()
         return frame_dataset(now.mesh, now.fields, now.time, now.attributes, now.about)
 
+    @exclusive
     def plot(self, field: str | None = None, ax: GeoAxes | None = None, **look: Any) -> GeoAxes:
         """Draw a field of the state on the globe; into `ax`, else into a new figure.
 
@@ -650,6 +693,7 @@ class Simulation:
 
         return draw_state(self.snapshot.frame(), field, ax, validated(Look, look))
 
+    @exclusive
     def checkpoint(self, path: str | Path) -> Path:
         """Write all that `from_checkpoint` needs to resume from here bit for bit.
 

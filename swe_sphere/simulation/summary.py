@@ -6,15 +6,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from swe_sphere.errors import ConfigError, RunFailed, SweError, in_one_line
+from swe_sphere.errors import ConfigError, RunFailed, SweError, in_one_line, unknown_name
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, KEYS
 from swe_sphere.simulation.loop import Interrupted
-
-T = TypeVar("T")
 
 ROWS = Path(__file__).with_name("summary.j2")
 """Template of the table."""
@@ -26,9 +24,9 @@ BREAKDOWNS = (ArithmeticError, ValueError, RuntimeError, MemoryError)
 """Errors of libraries that are given a state that is not finite, or too large a problem."""
 
 
-@dataclass(frozen=True)
-class Summary:
-    """How a run ended, and its numbers."""
+@dataclass(frozen=True, repr=False)
+class Summary(Mapping[str, Any]):
+    """How a run ended, and the values of its JSON line by name; `print` shows them in a table."""
 
     status: str = "completed"
     """completed, not begun, running, refused (before the first step), unstable, solver-failed,
@@ -50,18 +48,23 @@ class Summary:
         return self.status in ("not begun", "completed", "timed-out", "interrupted")
 
     def __getitem__(self, name: str) -> Any:
-        """Return a value of the JSON line, None where there is none."""
-        return self.as_dict().get(name)
+        """Return a value, None where it is missing or not finite; KeyError for an unknown name."""
+        values = self.as_dict()
+        if name not in values:
+            raise KeyError(str(unknown_name("value of a summary", str(name), values)))
+        return values[name]
 
     def __iter__(self) -> Iterator[str]:
-        """Iterate over the names of the values."""
         return iter(self.as_dict())
+
+    def __len__(self) -> int:
+        return len(self.as_dict())
 
     def as_dict(self) -> dict[str, Any]:
         """Return all values of the JSON line; None for what is missing or not finite."""
         ended = {"completed": self.completed, "reason": self.reason, "status": self.status}
         ordered = {**dict.fromkeys(KEYS), **self.numbers, **ended}
-        return {name: finite(value) for name, value in ordered.items()}
+        return dict(finite(ordered))
 
     def as_json(self) -> str:
         """Return the JSON line."""
@@ -70,8 +73,8 @@ class Summary:
     @property
     def title(self) -> str:
         """Scene and stepper."""
-        scheme = "" if self["scheme"] == self["stepper"] else f" ({self['scheme']})"
-        return f"{self['scene']} with {self['stepper']}{scheme}"
+        scene, stepper, scheme = map(self.get, ("scene", "stepper", "scheme"))
+        return f"{scene} with {stepper}" + ("" if scheme in (None, stepper) else f" ({scheme})")
 
     def rows(self) -> list[tuple[str, str]]:
         """Return the lines of a table: labels and values."""
@@ -91,6 +94,12 @@ class Summary:
         )  # fmt: skip
         rows = (line.partition(" | ") for line in text.splitlines())
         return [(label, value) for label, _, value in rows if value]
+
+    def __str__(self) -> str:
+        rows = self.rows() if "title" in self else [("result", self.status)]
+        rows += [("why", self.reason)] if self.reason else []
+        width = max(len(label) for label, _ in rows)
+        return "\n".join([self.title, *(f"{a:{width}}  {b}" for a, b in rows)])
 
     def __repr__(self) -> str:
         reason = f": {self.reason}" if self.reason else ""
@@ -127,8 +136,10 @@ def html_table(title: str, rows: list[tuple[str, str]]) -> str:
     return f"<table><caption>{escape(title)}</caption>{cells}</table>"
 
 
-def finite(value: T) -> T | None:
-    """Return the value; None for a number that is not finite."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+def finite(value: Any) -> Any:
+    """Return the value as JSON can hold it, with None for numbers in it that are not finite."""
+    if isinstance(value, Mapping):
+        return {name: finite(each) for name, each in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

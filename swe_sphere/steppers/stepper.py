@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.user_file import is_custom, users_code
+from swe_sphere.files.user_file import is_custom
 from swe_sphere.operators.replay import Replay
 from swe_sphere.ranks.limits import one_thread
 from swe_sphere.settings.registry import Registry
@@ -224,7 +224,7 @@ class Stepper(Trajectory, ABC):
 
     def step(self) -> None:
         apart, limiter = self._apart, self.model.limiter
-        with users_code(), nullcontext() if self.solver is None else one_thread():
+        with nullcontext() if self.solver is None else one_thread():
             if apart is not None and self.steps % 2:
                 apart.act(self.state)
             if self._replay is None or self.steps < (self.repeats_from or 0):

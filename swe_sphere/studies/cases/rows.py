@@ -113,17 +113,17 @@ class Row:
     def as_dict(self) -> dict[str, object]:
         """Return all of it in plain numbers and words; None for what is not finite."""
         config, case = self.config, self.case
-        return {
+        values = {
             "case": case.name, "scene": case.scene, "title": case.title,
-            "ne": config.ne, "np": config.np, "dt": finite(self.dt),
+            "ne": config.ne, "np": config.np, "dt": self.dt,
             "days": 0.0 if case.method == "start" else config.days,
             "stepper": config.stepper, "seconds": self.seconds,
             "status": self.measure.status, "reason": self.measure.reason or None,
-            "quantities": {n: finite(x) for n, x in self.quantities.items() if n not in TIMES},
+            "quantities": {n: x for n, x in self.quantities.items() if n not in TIMES},
             "checks": [
                 {
-                    "quantity": check.quantity, "obtained": finite(check.obtained),
-                    "low": finite(check.low), "high": finite(check.high), "passed": check.holds,
+                    "quantity": check.quantity, "obtained": check.obtained,
+                    "low": check.low, "high": check.high, "passed": check.holds,
                 }
                 for check in self.checks
             ],
@@ -134,13 +134,13 @@ class Row:
             ],
             "passed": self.passed,
         }  # fmt: skip
+        return dict(finite(values))
 
     def as_result(self) -> dict[str, object]:
         """Return the measure, the outcome and the bounds in words; None for what is not finite."""
-        numbers = {n: None if x is None else finite(x) for n, x in self.measure.numbers.items()}
         return self.measure.model_dump() | {
-            "numbers": numbers, "reason": self.reason, "stopped": self.measure.reason,
-            "stepper": self.case.stepper, "outcome": self.outcome,
+            "numbers": finite(self.measure.numbers), "reason": self.reason,
+            "stopped": self.measure.reason, "stepper": self.case.stepper, "outcome": self.outcome,
             "bounds": [check.limits for check in self.checks],
         }  # fmt: skip
 
