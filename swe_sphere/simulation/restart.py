@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from contextlib import suppress
 from dataclasses import asdict
@@ -133,9 +132,6 @@ class Restart:
         self.path, checkpoint = path, read_checkpoint(path)
         self.attributes, self.arrays = checkpoint.attributes, checkpoint.state_dict
         self.steps = checkpoint.steps
-        for name, array in self.arrays.items():
-            if array.dtype.kind == "f" and not np.isfinite(array).all():
-                raise ConfigError(f"{path} cannot be resumed from: its {name} is not finite")
 
     def table(self, name: str = "configuration") -> dict[str, Any]:
         """Return a table among the attributes; ConfigError if there is none."""
@@ -188,8 +184,9 @@ class Restart:
         """
         try:
             stepper.load_state_dict(self.arrays, self.steps - before)
-            if not all(map(math.isfinite, self.counts.values())):
-                raise ValueError("its counters are not finite")
+            for name, array in self.arrays.items():
+                if not np.isfinite(array).all():
+                    raise ValueError(f"{name} is not finite")
         except (LookupError, ValueError, TypeError, ArithmeticError, RuntimeError) as error:
             raise ConfigError(
                 f"{self.path} is damaged, its arrays do not fit {stepper.name} ({cause(error)})"
