@@ -120,9 +120,9 @@ class Loop:
 
     def _check_changes(self) -> None:
         """Check the state again where user-defined code has changed it."""
-        energy = self.health.energy
+        norm = self.health.norm
         self.health.observe(self.sim.snapshot)
-        if self.health.energy != energy:
+        if self.health.norm != norm:
             self.sim.release()  # whose fields are those before the change
 
     def _next_stop(self) -> int:

@@ -85,25 +85,21 @@ class HealthCheck(Observer):
         start, self._unit = model.initial_state(), model.zeros()
         self._unit[first : first + mesh.size].fill_(1.0)
         self._mass = self._space.dot(start, self._unit)
-        self._rms = math.sqrt(self._space.dot(self._unit, self._unit) * self._square(start))
         conserving = [e for e in scene.effects if "mass" in e.conserves]
         self._conserves = len(conserving) == len(scene.effects) and scene.forcing is None
         custom = [effect for effect in scene.effects if is_custom(type(effect))]
         self._claims = [e.name for e in conserving if e in custom and e.tendencies[1] is not None]
         self._tendency = model.right_hand_side(counted=False) if self._claims else None
         self._rate = model.zeros()
-        self.energy = self._square(start)
-        """Energy of the state seen last, in the norm of the solvers [m2 s-2]."""
-        self._norm = math.sqrt(self.energy)
+        self.norm = self._largest = self._space.norm(start)
+        """Norm of the state seen last [m s-1]: the root of its energy."""
+        self._rms = self._space.norm(self._unit) * self.norm
         if scene.equilibrium is not None:
             level = scene.equilibrium(model.mesh.lon, model.mesh.lat)
             pulled = model.state_from(0.0 * level, 0.0 * level, level)
-            self._norm += math.sqrt(self._square(pulled))
+            self._largest += self._space.norm(pulled)
         self._growth = sim.config.energy_growth or (math.inf if custom else RUNAWAY)
         self._time = 0.0
-
-    def _square(self, state: Any) -> float:
-        return float(self._space.dot(state, state))
 
     def due(self, step: int) -> bool:
         return bool(step % EVERY < self._sim.plan.cycle)
@@ -113,8 +109,8 @@ class HealthCheck(Observer):
         import warp as wp
 
         model, state, time = snapshot.model, snapshot.state, snapshot.time
-        self.energy = self._square(state)
-        if not math.isfinite(self.energy):
+        self.norm = self._space.norm(state)
+        if not math.isfinite(self.norm):
             raise self._unstable("the solution is NaN", snapshot)
         # a passive h, and that of a linear wave, may undershoot zero without harm
         if not model.scene.linear and (depth := self._space.lowest(state, *self._depth)) <= 0.0:
@@ -122,9 +118,9 @@ class HealthCheck(Observer):
         if model.scene.forcing is not None:
             model.forcing.set_time(time)
             wp.copy(self._rate, model.parameters["forcing"])
-            self._norm += (time - self._time) * self._space.norm(self._rate)
+            self._largest += (time - self._time) * self._space.norm(self._rate)
             self._time = time
-        growth = self.energy / self._norm**2
+        growth = (self.norm / self._largest) ** 2
         if growth > self._growth:
             raise self._unstable(f"the energy has grown {growth:.3g} times", snapshot)
         lost = abs(self._space.dot(state, self._unit) - self._mass) / self._rms
