@@ -62,7 +62,7 @@ LEAST = 8
 def williamson7(
     file: Path | None = None, degree: int = 0, balanced: bool = False, seed: int = 1
 ) -> Scene:
-    """Flow at 500 hPa, from a file of analysed winds; without one, SYNTHETIC.
+    """Flow at 500 hPa from a file; without one SYNTHETIC.
 
     Case 7, five days from an analysis. The mean of the height is replaced by 10 km.
 

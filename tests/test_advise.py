@@ -31,7 +31,7 @@ def test_the_cheapest_is_found_and_its_command_can_be_given(capsys) -> None:
     assert advise(*given) == 0
     out = capsys.readouterr().out
     assert "Measured over 0.5 days." in out and "slow-flow error" in out
-    assert re.search(r"^ rk4 .* s, .* s, ", out, re.MULTILINE)
+    assert re.search(r"^ rk4 .* s.*\n .* s.*\n", out, re.MULTILINE)
     (command,) = re.findall(r"^  (swe-sphere run .*)$", out, re.MULTILINE)
     words = shlex.split(command)
     assert words[words.index("--set") + 1] == "scene.speed=10"

@@ -64,8 +64,17 @@ def output(folder, code):
 def test_list_has_a_line_for_each_scene_and_stepper(swe):
     status, out, err = swe("list")
     assert (status, err) == (0, "")
-    for name in ("williamson2", "galewsky", "lake-at-rest", "leapfrog", "fully-implicit"):
+    for name in ("williamson2", "lake-at-rest", "leapfrog", "fully-implicit", "hyperviscosity"):
         assert re.search(rf"^  {name} +\S.*\w", out, re.MULTILINE), name
+    for title in (
+        "Scenes",
+        "Steppers, explicit",
+        "Steppers, imex",
+        "Steppers, implicit",
+        "Effects",
+    ):
+        assert f"{title}:\n" in out
+    assert max(map(len, out.splitlines())) <= 80
 
 
 def test_json_is_the_last_line_and_has_every_key(swe):

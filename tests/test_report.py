@@ -107,7 +107,8 @@ def test_every_row_is_in_the_table_with_its_fate(dataset, text):
 
 def test_every_cell_of_the_table_has_the_numbers_of_its_row(dataset, text):
     cells = re.findall(
-        r'<a href="#williamson5-(\d+)">(?:[★≈] )?(\S+)&nbsp;s, (\S+)&nbsp;s, (\S+)</a>', text
+        r'<a href="#williamson5-(\d+)">(?:[★≈] )?(\S+)&nbsp;s, <br>(\S+)&nbsp;s, <br>(\S+)</a>',
+        text,
     )
     assert len(cells) > 20
     for number, dt, cost, error in cells:

@@ -16,7 +16,6 @@ from swe_sphere.studies.report.ranking import (
     candidates,
     cheapest,
     metrics,
-    pareto,
     rankings,
     read_runs,
     smallest,
@@ -58,22 +57,6 @@ def test_only_completed_rows_with_an_error_are_compared_and_ranked_with_a_time()
     assert numbers(with_cost(rows, TOTAL)) == [1, 2, 3, 4, 5]
 
 
-def test_the_front_is_what_nothing_beats_in_both():
-    assert numbers(pareto(rows_of(*RACE), TOTAL)) == [3, 5, 2, 1]
-
-
-def test_a_row_that_costs_more_for_next_to_nothing_is_not_on_the_front():
-    rows = rows_of(run("rk4", 600.0, 1.0, 1e-4), run("rk4", 300.0, 2.0, 0.995e-4))
-    assert numbers(pareto(rows, TOTAL)) == [1]
-    rows = rows_of(run("rk4", 600.0, 1.0, 1e-4), run("rk4", 300.0, 2.0, 0.98e-4))
-    assert numbers(pareto(rows, TOTAL)) == [1, 2]
-
-
-def test_of_equal_rows_the_first_stays_on_the_front():
-    rows = rows_of(run("rk4", 600.0, 1.0, 1e-3), run("bdf2", 600.0, 1.0, 1e-3))
-    assert numbers(pareto(rows, TOTAL)) == [1]
-
-
 @pytest.mark.parametrize(
     ("target", "expected"), [(1e-3, 3), (4e-4, 5), (1.5e-4, 1), (1e-5, None), (math.nan, None)]
 )
@@ -89,7 +72,7 @@ def test_the_smallest_error_and_its_absence():
 
 def test_an_empty_dataset_concludes_nothing():
     rows = read_runs(make_sweep())
-    assert rows.empty and pareto(rows, TOTAL).empty
+    assert rows.empty and with_cost(rows, TOTAL).empty
     assert metrics(rows) == targets([]) == []
     assert rankings(rows, metrics(rows), "here") == []
 

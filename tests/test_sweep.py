@@ -294,6 +294,7 @@ class Stop(SweepWatcher):
     """Presses Ctrl-C in the middle of the n-th run that is begun."""
 
     def __init__(self, runs):
+        super().__init__()
         self.left = runs
 
     def begin(self, case):

@@ -27,6 +27,7 @@ FLAGS = ("--steppers", "rk4", "--dt", "3600", "--ne", "2", "--np", "4", "--days"
 
 class Notes(SweepWatcher):
     def __init__(self):
+        super().__init__()
         self.told = []
 
     def note(self, text):

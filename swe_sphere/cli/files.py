@@ -6,7 +6,9 @@ import json
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from shutil import get_terminal_size
+from textwrap import shorten
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
@@ -15,6 +17,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.files.user_file import check_trusted
 from swe_sphere.pictures.look import Look
 from swe_sphere.planet import DAY
+from swe_sphere.settings.registry import first_line
 from swe_sphere.settings.values import names_in, validated
 from swe_sphere.simulation.summary import finite
 
@@ -26,15 +29,24 @@ File = Annotated[Path, typer.Argument(help="File of a run; plot also accepts reg
 
 
 def list_all() -> None:
-    """List the scenes and steppers, one line each."""
-    from swe_sphere.steppers import list_steppers
+    """List scenes, steppers by family, and effects, one line each."""
+    from swe_sphere.equations.effects import EFFECTS
+    from swe_sphere.steppers import get_stepper, list_steppers
+    from swe_sphere.steppers.stepper import Family
     from swe_sphere.testcases import list_scenes
 
-    for title, lines in {"Scenes": list_scenes(), "Steppers": list_steppers()}.items():
+    groups, steppers = {"Scenes": list_scenes()}, list_steppers()
+    for family in get_args(Family):
+        of = {name: text for name, text in steppers.items() if get_stepper(name).family == family}
+        groups[f"Steppers, {family}"] = of
+    groups["Effects"] = {name: first_line(effect) for name, effect in EFFECTS.items()}
+    for title, lines in groups.items():
         width = max(map(len, lines))
+        left = max(80, get_terminal_size().columns) - width - 4
         typer.echo(f"{title}:")
         for name, text in lines.items():
-            typer.echo(f"  {name:{width}}  {text}")
+            short = shorten(text, left, placeholder=" …", break_on_hyphens=False)
+            typer.echo(f"  {name:{width}}  {short}")
 
 
 @with_flags(Look)

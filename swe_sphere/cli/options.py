@@ -1,7 +1,7 @@
 """The flags of a command from the fields of its configuration: names, types and help texts."""
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
@@ -49,7 +49,7 @@ def flag(name: str, text: str) -> Any:
 
 
 def with_flags(
-    model: type[BaseModel], argument: str = "", without: Sequence[str] = ()
+    model: type[BaseModel], argument: str = "", without: Collection[str] = ()
 ) -> Callable[[F], F]:
     """Give a command `f(**values)` a flag for each field of the model.
 

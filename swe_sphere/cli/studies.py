@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from itertools import groupby
-from math import isnan
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +26,7 @@ from swe_sphere.simulation.summary import finite
 if TYPE_CHECKING:
     from swe_sphere.studies.cases import Case, Row
 
-HEADS = ("case", "ne", "np", "Δt [s]", "l2(h)", "l2(v)", "order", "of bound", "")
+HEADS = ("case", "ne", "np", "Δt [s]", "l2(h)", "l2(v)", "order(h)", "of bound")
 OF_MEMBERS = (
     "out", "plot", "live", "restart", "trust", "initial", "initial_time", "reference", "as_json",
     "quiet",
@@ -137,23 +137,19 @@ def _page_file(out: Path, folder: str, quick: bool) -> Path:
 
 
 def _shown(found: Iterator[Row]) -> Iterator[Row]:
-    """Yield the rows; print the table of each family as soon as it is complete."""
+    """Yield the rows; print each family's table, and what did not pass, once it is complete."""
+    from swe_sphere.studies.cases.page import cells_of
+
     for _, group in groupby(found, lambda row: row.case.family):
         rows = [*group]
         show_line("")
         styles = ["" if row.passed else "bold red" for row in rows]
-        print_table(HEADS, map(_cells, rows), title=rows[0].case.family, row_styles=styles)
+        lines = map(itemgetter(*HEADS), map(cells_of, rows))
+        print_table(HEADS, lines, title=rows[0].case.family, row_styles=styles)
+        for row in rows:
+            if not row.passed:
+                typer.echo(f"{row.case.name}: {row.outcome.upper()}: {row.reason}")
         yield from rows
-
-
-def _cells(row: Row) -> Iterator[str]:
-    numbers, config = row.quantities, row.config
-    yield from (row.case.name, str(config.ne or ""), str(config.np or ""))
-    yield "" if row.case.method == "start" or isnan(row.dt) else f"{row.dt:.4g}"
-    yield from (f"{numbers[name]:.2e}" if name in numbers else "" for name in ("l2_h", "l2_v"))
-    yield f"{numbers['order']:.1f}" if "order" in numbers else ""
-    yield f"{row.used:.2f}"
-    yield "" if row.passed else f"{row.outcome.upper()}: {row.reason}"
 
 
 @with_flags(RunConfig, argument="scene", without=OF_MEMBERS)

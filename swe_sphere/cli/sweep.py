@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
@@ -17,6 +16,7 @@ from swe_sphere.compiling import COMPILING, on_compile
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.files.durable import clear_errors
 from swe_sphere.settings.values import validated
+from swe_sphere.simulation.config import RunConfig, SharedConfig
 from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.studies.advise import Question
 from swe_sphere.studies.advise import advise as advice_on
@@ -28,10 +28,13 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from swe_sphere.studies.report import Ranking
-    from swe_sphere.studies.sweep.runs import RunSpec
 
 RECIPES_ONLY = ("slow", "spin", "name")
 """Fields of a plan without a flag."""
+NOT_ADVISED = {*RunConfig.model_fields} - {
+    *SharedConfig.model_fields, "scene", "ne", "np", "days", "precision", "settings",
+}  # fmt: skip
+"""Options of runs without a flag of `advise`."""
 REPORT, PAGE = "index.html", "README.md"
 """Pages that are written of sweeps, and of a recipe too."""
 
@@ -85,7 +88,7 @@ def sweep(
     return 0 if completed else RunFailed.exit_status
 
 
-@with_flags(Question, argument="scene")
+@with_flags(Question, argument="scene", without=NOT_ADVISED)
 def advise(**values: Any) -> None:
     """Measure which stepper and step are cheapest for an error, and print the command."""
     if values["error"] is None:
@@ -151,48 +154,10 @@ def _by_name(
 # --- on the terminal
 
 
-class SweepTerminal(SweepWatcher):
-    """Notes on stderr; a progress bar there too if it is a terminal and nobody minds."""
-
-    def __init__(self, title: str, quiet: bool) -> None:
-        from tqdm import tqdm
-
-        self._quiet = quiet
-        self._bar: Any = tqdm(
-            total=0, desc=title, unit="run", leave=False, file=sys.stderr,
-            disable=quiet or not sys.stderr.isatty(),
-        )  # fmt: skip
-        self.close = self._bar.close
-
-    def expect(self, runs: int) -> None:
-        """Lengthen the bar."""
-        self._bar.total += runs
-        self._bar.refresh()
-
-    def begin(self, spec: RunSpec) -> None:
-        """Say what is running."""
-        self._steps = 0 if spec.steps is None else spec.steps.steps
-        self._label = spec.label
-        self._bar.set_postfix_str(spec.label)
-
-    def tick(self, step: int) -> None:
-        """Say how far it is."""
-        self._bar.set_postfix_str(f"{self._label}, step {step} of {self._steps}")
-
-    def done(self) -> None:
-        """Move the bar."""
-        self._bar.update()
-
-    def note(self, text: str) -> None:
-        """Print it."""
-        if not self._quiet:
-            self._bar.write(text, file=sys.stderr)
-
-
 @contextmanager
-def _watched(title: str, quiet: bool, interrupted: str) -> Iterator[SweepTerminal]:
+def _watched(title: str, quiet: bool, interrupted: str) -> Iterator[SweepWatcher]:
     """Show how a sweep in the block goes; Ctrl-C stops the command with that text."""
-    terminal = SweepTerminal(title, quiet)
+    terminal = SweepWatcher(title, quiet)
     try:
         with closing(terminal), on_compile(lambda: terminal.note(COMPILING)):
             yield terminal
@@ -229,6 +194,9 @@ def _show_rankings(found: Sequence[Ranking]) -> None:
     for ranking in found:
         typer.echo(ranking.headline)
         if ranking.answered is not None:
-            print_table(ranking.heads, ranking.body)
+            # a part of a cell a line, so that five targets fit into 80 columns
+            heads, *lines = ([cell.replace(", ", "\n") for cell in line]
+                             for line in (ranking.heads, *ranking.body))  # fmt: skip
+            print_table([*heads[:-1], "smallest\nerror"], lines)
     if found:
         typer.echo(found[-1].caption)

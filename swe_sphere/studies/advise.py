@@ -7,7 +7,7 @@ import shlex
 import tempfile
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import warp as wp
 from pydantic import BeforeValidator, Field
@@ -15,15 +15,7 @@ from pydantic import BeforeValidator, Field
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
 from swe_sphere.settings.values import flag_of
-from swe_sphere.simulation.config import (
-    Days,
-    Number,
-    Positive,
-    RunConfig,
-    SharedConfig,
-    Whole,
-    make_config,
-)
+from swe_sphere.simulation.config import Days, Number, Positive, RunConfig, make_config
 from swe_sphere.steppers import get_stepper
 from swe_sphere.studies.sweep import SweepWatcher, make_plan, run_plan
 from swe_sphere.studies.sweep.runs import Discretisation
@@ -40,11 +32,9 @@ RUNS = 200.0
 TIMED_STEPS = 8
 
 
-class Question(SharedConfig):
-    """What advice is asked for; None means: as the scene recommends."""
+class Question(RunConfig):
+    """The run that advice is asked on, and its error."""
 
-    scene: str
-    """Name of a scene, or a .py or .toml file with one."""
     error: Annotated[Number, Field(gt=0.0, lt=1.0)]
     """Required time error at the end (l2, relative): of potential vorticity, or of depth where the
     flow begins at rest or has no gravity waves.
@@ -53,16 +43,8 @@ class Question(SharedConfig):
     """Wall time that the steps of all runs may take [s] (60)."""
     steppers: Annotated[tuple[str, ...], BeforeValidator(stepper_names)] = REPRESENTATIVES
     """Steppers to measure: names, .py files or families; by default one or two of each family."""
-    ne: Whole | None = None
-    """Elements along an edge of the cube."""
-    np: Whole | None = None
-    """Nodes along an edge of an element."""
     days: Annotated[Days, Field(gt=0.0)] | None = None
     """Length of the run [days]."""
-    precision: Literal["float64", "float32"] = "float64"
-    """Number type of the state."""
-    settings: tuple[str, ...] = ()
-    """Change an effect or the scene; repeatable."""
 
 
 class Advice(NamedTuple):
@@ -102,6 +84,7 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
 
     apart = {"error", "budget", "steppers"}
     common = question.model_dump(exclude=apart, exclude_unset=True, exclude_none=True)
+    common |= {"settings": [*map(str, question.settings)]}
     space = Discretisation(make_config(common))
     whole = days = space.scene.days if question.days is None else question.days
     while days * _seconds_a_day(space, common) * RUNS > question.budget and days > 0.1:

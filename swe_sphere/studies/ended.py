@@ -28,8 +28,6 @@ class Ended:
     """As `Summary.status`."""
     reason: str = ""
     numbers: dict[str, float] = field(default_factory=dict)
-    sim: Simulation | None = None
-    """The run, at its end."""
 
     @property
     def completed(self) -> bool:
@@ -63,6 +61,6 @@ def stepped(
         outcome = sim.advance(observers, time_limit, interruption)
         if outcome.status == "interrupted":
             raise Interrupted(outcome.reason)
-        return Ended(outcome.status, in_one_line(outcome.reason or ""), sim=sim)
+        return Ended(outcome.status, in_one_line(outcome.reason or ""))
 
     return attempt(work)

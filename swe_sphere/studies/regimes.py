@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import get_args
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from matplotlib import style
 from matplotlib.figure import Figure
 from xarray import Dataset
 
@@ -154,17 +154,17 @@ def _part(ratios: pd.Series) -> str:
 
 def _figure(best: pd.DataFrame, axis: str) -> Figure:
     """Draw the ratios of the costs for one target along the axis, a panel for each family."""
-    with mpl.rc_context(STYLE):
+    with style.context(STYLE):
         families = [name for name in OTHERS if name in {*best["family"]}]
         figure = Figure(figsize=(2.7 * len(families) + 1.0, 3.6), layout="constrained")
         panels = figure.subplots(1, len(families), sharey=True, squeeze=False)[0]
         for axes, family in zip(panels, families, strict=True):
             for n, (name, of) in enumerate(best.groupby("series")):
                 line = of[of["family"] == family]
-                style = {"color": COLOURS[n % len(COLOURS)], "marker": MARKERS[n % len(MARKERS)]}
-                axes.plot(line["x"], line["ratio"], label=name, markersize=5.0, **style)
+                look = {"color": COLOURS[n % len(COLOURS)], "marker": MARKERS[n % len(MARKERS)]}
+                axes.plot(line["x"], line["ratio"], label=name, markersize=5.0, **look)
             axes.axhline(1.0, color=INK, linewidth=1.0)
             finish(axes, "U/c" if axis == FROUDE else axis, f"{family} / {BASE}")
         handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", frameon=False, fontsize=8.0)
+        figure.legend(handles, labels, loc="outside lower center", fontsize=8.0)
     return figure

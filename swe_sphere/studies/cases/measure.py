@@ -100,7 +100,7 @@ def _errors(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
         of the initial ones, and the largest relative drift of mass.
     """
     sim = _begun(run)
-    ended = Ended(sim=sim) if case.method == "start" else _stepped(case, sim, tick)
+    ended = Ended() if case.method == "start" else _stepped(case, sim, tick)
     if ended.completed:
         ended.numbers = sim.diagnostics | _extremes(sim) | _errors_against(sim, case)
     ended.numbers |= {"dt": sim.plan.dt, "step_seconds": sim.wall_seconds}

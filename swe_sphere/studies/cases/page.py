@@ -8,6 +8,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from swe_sphere.files.fingerprints import versions
 from swe_sphere.settings.values import read_toml
 from swe_sphere.studies.cases.case import NORMS, families
@@ -21,8 +23,6 @@ COLUMNS = {name: f"{name[:-2]}({name[-1]})" for name in NORMS} | {
     "order_v": "order(v)",
 }
 """Quantities that have a column of their own, and its head."""
-HEADS = ("case", "ne", "np", "Δt [s]", "× 1/ρ", *COLUMNS.values(), "other", "of bound", "outcome")
-"""Columns of tables; those without any entry are left out."""
 
 
 def page(folder: str, rows: Sequence[Row], command: str) -> str:
@@ -31,10 +31,9 @@ def page(folder: str, rows: Sequence[Row], command: str) -> str:
     for family in families(folder).values():
         mine = [row for row in rows if row.case.family == family.name]
         if mine:
-            cells = [*map(_cells, mine)]
-            heads = [head for head in HEADS if any(line.get(head) for line in cells)]
-            lines = [[line.get(head, "") for head in heads] for line in cells]
-            sections.append((family, heads, lines, [*_remarks(mine)]))
+            table = pd.DataFrame(map(cells_of, mine))
+            table = table.loc[:, (table != "").any()]
+            sections.append((family, [*table], table.values, [*_remarks(mine)]))
             numbers = [*count_outcomes(mine).values(), len(family.cases) - len(mine)]
             summary.append([f"[{family.title}](#{anchor(family.title)})", *map(str, numbers)])
     return rendered(
@@ -52,8 +51,11 @@ def _drift(row: Row) -> float:
     return abs(row.quantities.get(MASS, 0.0)) if kept and row.config.precision == "float64" else 0.0
 
 
-def _cells(row: Row) -> dict[str, str]:
-    """Return what is bounded or reported, and all norms and orders if one of the norms is."""
+def cells_of(row: Row) -> dict[str, str]:
+    """Return the cells of a row by the heads of their columns, empty where there is nothing.
+
+    They show what is bounded or reported, and all norms and orders if one of the norms is.
+    """
     case, numbers, checks = row.case, row.quantities, row.checks
     # the introduction states the largest of those that hold
     told = {MASS} if any(x.quantity == MASS and x.holds for x in checks) else set()

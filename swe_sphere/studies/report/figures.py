@@ -4,25 +4,24 @@ from __future__ import annotations
 
 import math
 from base64 import b64encode
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator
 from io import StringIO
 from operator import itemgetter
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from matplotlib import style
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from matplotlib.ticker import LogLocator, NullLocator
 
 from swe_sphere.pictures.panels import COLOURS
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.stepper import Marker
 from swe_sphere.studies import words
-from swe_sphere.studies.report.ranking import FAILED, Metric, pareto, with_cost
+from swe_sphere.studies.report.ranking import FAILED, Metric, with_cost
 
 
 class Look(NamedTuple):
@@ -32,21 +31,8 @@ class Look(NamedTuple):
     marker: Marker
 
 
-INK, FAINT, GRID, PAPER = "#1b1f24", "#6e7781", "#dfe3e8", "#fefefe"
-STYLE: dict[Any, Any] = {
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
-    "font.size": 9.0,
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": FAINT,
-    "axes.facecolor": PAPER,
-    "figure.facecolor": PAPER,
-    "xtick.color": FAINT,
-    "ytick.color": FAINT,
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": INK,
-}
+INK, FAINT = "#1b1f24", "#6e7781"
+STYLE = Path(__file__).with_name("templates") / "figures.mplstyle"
 MARKERS = ("8", "H", "d", "*", "X")
 """Markers of steppers that declare none."""
 SIZE = (5.4, 3.7)
@@ -56,7 +42,6 @@ SMALLEST = 1e-17
 LEAST, SHORT = 3.0, 300.0
 """Ratio of the highest to the lowest value of an axis: at least, and where it has many ticks."""
 
-FRONT = "The ringed points are the Pareto front: nothing measured is both cheaper and better."
 LIMITS = (
     "Gravity limit: of leapfrog without filter; advective limit: the same for the wind alone."
     " Crosses at the top: runs that became unstable or whose solver failed."
@@ -65,9 +50,9 @@ LIMITS = (
 
 def look(stepper: str) -> Look:
     """Return the colour and marker of a stepper; of one without, always the same for its name."""
-    style = STEPPERS[stepper].style if stepper in STEPPERS else None
-    if style is not None:
-        return Look(*style)
+    declared = STEPPERS[stepper].style if stepper in STEPPERS else None
+    if declared is not None:
+        return Look(*declared)
     place = sum((i + 1) * byte for i, byte in enumerate(stepper.encode()))
     return Look(COLOURS[place % len(COLOURS)], MARKERS[place // 7 % len(MARKERS)])
 
@@ -96,15 +81,13 @@ def error_pictures(runs: pd.DataFrame, metric: Metric, where: str) -> Iterator[P
 
     where: first part of the names of files.
     """
-    (label, _, _), timed = metric.label.partition(" at day"), with_cost(runs, metric)
-    if len(timed):
-        clock = timed["clock"].iloc[0]
-        axes = f"{clock} of the steps [s]", label
-        svg = _drawn(timed, "cost", metric, axes, partial(_mark_front, runs=timed, y=metric))
-        title = f"Error against {clock}"
-        yield Picture(f"{where}-{metric.name}_time.svg", title, f"{metric.label}. {FRONT}", svg)
-    name, title = f"{where}-{metric.name}_step.svg", "Error against Δt"
-    yield from _by_step(runs, metric, name, title, metric.label, label)
+    (label, _, _), name = metric.label.partition(" at day"), f"{where}-{metric.name}"
+    timed = with_cost(runs, metric)
+    for clock in timed["clock"].head(1):
+        svg = _drawn(timed, runs[:0], "cost", metric, (f"{clock} of the steps [s]", label))
+        caption = f"{metric.label}. Bars: how well the times are known."
+        yield Picture(f"{name}_time.svg", f"Error against {clock}", caption, svg)
+    yield from _by_step(runs, metric, f"{name}_step.svg", "Error against Δt", metric.label, label)
 
 
 def other_pictures(runs: pd.DataFrame, where: str) -> Iterator[Picture]:
@@ -123,50 +106,41 @@ def _by_step(
 ) -> Iterator[Picture]:
     shown = runs[runs["compared"] & (runs["dt"] > 0.0) & np.isfinite(runs[y])]
     if len(shown):
-        failed = runs[runs["status"].isin(FAILED)]
-        mark = partial(_mark_limits, runs=shown, failed=failed)
-        svg = _drawn(shown, "dt", y, ("Δt [s]", label), mark)
+        svg = _drawn(shown, runs[runs["status"].isin(FAILED)], "dt", y, ("Δt [s]", label))
         yield Picture(name, title, f"{what}. {LIMITS}", svg)
 
 
 def _drawn(
-    runs: pd.DataFrame, x: str, y: str | Metric, labels: tuple[str, str],
-    mark: Callable[[Axes], None],
-) -> str:  # fmt: skip
-    """Draw curves through runs, a column against another; mark: draws what is below them."""
-    with mpl.rc_context(STYLE):
+    runs: pd.DataFrame, failed: pd.DataFrame, x: str, y: str | Metric, labels: tuple[str, str]
+) -> str:
+    """Draw curves through runs, a column against another; failed: runs that failed."""
+    with style.context(STYLE):
         figure = Figure(figsize=SIZE, layout="constrained")
         axes = figure.subplots()
-        mark(axes)
+        if x == "dt":
+            _mark_limits(axes, runs, failed)
+        else:
+            least = np.maximum(runs["least"], 0.1 * runs["cost"])  # zero is not on the axis
+            colours, heights = [*map(_colour, runs["stepper"])], runs[y].clip(lower=SMALLEST)
+            axes.hlines(heights, least, runs["most"], colours, linewidth=2.6, alpha=0.4)
         _draw_curves(axes, runs, x, y)
         finish(axes, *labels)
     return svg_text(figure, str(y))
-
-
-def _mark_front(axes: Axes, runs: pd.DataFrame, y: Metric) -> None:
-    """Ring the runs on the Pareto front, and draw how well the costs of all are known."""
-    best = pareto(runs, y)
-    front = best["cost"], best[y].clip(lower=SMALLEST)
-    axes.plot(*front, color=INK, linewidth=3.5, alpha=0.12, drawstyle="steps-post")
-    axes.scatter(*front, 95.0, facecolors="none", edgecolors=INK, linewidths=0.9, zorder=4)
-    least = np.maximum(runs["least"], 0.1 * runs["cost"])  # zero is not on the axis
-    colours, heights = [*map(_colour, runs["stepper"])], runs[y].clip(lower=SMALLEST)
-    axes.hlines(heights, least, runs["most"], colours, linewidth=2.6, alpha=0.4)
 
 
 def _draw_curves(axes: Axes, runs: pd.DataFrame, x: str, y: str | Metric) -> None:
     """Draw curves, with their names right of the axes in the order of their ends."""
     handles = []
     for label, curve in runs.sort_values("dt", kind="stable").groupby("curve"):
-        style, end = look(curve["stepper"].iloc[0]), curve.sort_values([x, y])[y].iloc[-1]
+        drawn, end = look(curve["stepper"].iloc[0]), curve.sort_values([x, y])[y].iloc[-1]
         (line,) = axes.plot(
-            curve[x], curve[y].clip(lower=SMALLEST), curve["line"].iloc[0], color=style.colour,
-            marker=style.marker, markersize=6.0, linewidth=1.3, label=label,
+            curve[x], curve[y].clip(lower=SMALLEST), curve["line"].iloc[0], color=drawn.colour,
+            marker=drawn.marker, markersize=6.0, linewidth=1.3, label=label,
         )  # fmt: skip
         handles.append((-end, line))
     axes.legend(
         handles=[line for _, line in sorted(handles, key=itemgetter(0))], loc="upper left",
-        bbox_to_anchor=(1.0, 1.02), frameon=False, fontsize=8.5, handlelength=2.4,
+        bbox_to_anchor=(1.0, 1.02), fontsize=8.5, handlelength=2.4,
     )  # fmt: skip
 
 
@@ -194,28 +168,16 @@ def finish(axes: Axes, x: str, y: str) -> None:
     factor = math.sqrt(max(1.0, LEAST * low / high))
     axes.set_ylim(low / factor, high * factor)
     for axis in (axes.xaxis, axes.yaxis):
-        _set_ticks(axis)
-    axes.grid(color=GRID, linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-
-
-def _set_ticks(axis: Axis) -> None:
-    """Set ticks at powers of ten, and on short axes between them."""
-    low, high = sorted(axis.get_view_interval())
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < SHORT * low else (1.0,)))
-    axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter(FuncFormatter(_number))
-
-
-def _number(value: float, _: object = None) -> str:
-    return f"{value:g}" if 1e-2 <= value < 1e6 else words.level(value)
+        low, high = sorted(axis.get_view_interval())
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < SHORT * low else (1.0,)))
+        axis.set_minor_locator(NullLocator())
+        axis.set_major_formatter("{x:g}")
 
 
 def svg_text(figure: Figure, name: str) -> str:
     """Return the text of an SVG file; the same figure gives the same bytes."""
     out = StringIO()
     nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-    with mpl.rc_context(STYLE | {"svg.hashsalt": name, "svg.fonttype": "none"}):
+    with style.context([STYLE, {"svg.hashsalt": name}]):
         figure.savefig(out, format="svg", metadata=nothing)
     return out.getvalue()

@@ -39,8 +39,6 @@ LINES = ("-", "--", ":", "-.")
 """Styles of the variants of a stepper."""
 VARIANT = ("preconditioner", "precision", "device", "settings")
 """Settings that distinguish the curves of one stepper."""
-GAIN = 0.01
-"""A dearer run whose error is smaller by less than this part is not on the Pareto front."""
 MOST_TARGETS = 5
 FAILED = ("unstable", "solver-failed")
 """Status of runs whose scheme failed."""
@@ -171,16 +169,6 @@ def with_cost(runs: pd.DataFrame, metric: Metric) -> pd.DataFrame:
     """Runs that may be compared, and that have a cost."""
     found = candidates(runs, metric)
     return found[found["cost"].between(0.0, math.inf, inclusive="neither")]
-
-
-def pareto(runs: pd.DataFrame, metric: Metric) -> pd.DataFrame:
-    """Runs that no other run beats in both error and cost, by rising cost; of equal ones the first.
-
-    A run must improve on the errors of all cheaper ones by `GAIN`.
-    """
-    found = with_cost(runs, metric).sort_values(["cost", metric], kind="stable")
-    least = found[metric].cummin().shift(fill_value=math.inf)
-    return found[found[metric] < (1.0 - GAIN) * least]
 
 
 def smallest(runs: pd.DataFrame, metric: Metric) -> pd.DataFrame:

@@ -6,10 +6,12 @@ import ctypes
 import gc
 import math
 import re
+import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -34,22 +36,41 @@ WARM_STEPS = 2
 
 
 class SweepWatcher:
-    """Is told how a sweep is going; this one does nothing."""
+    """Progress of a sweep on stderr: notes, and a bar if that is a terminal; by default nothing."""
+
+    def __init__(self, title: str = "", quiet: bool = True) -> None:
+        from tqdm import tqdm
+
+        self._quiet = quiet
+        self._bar: Any = tqdm(
+            total=0, desc=title, unit="run", leave=False, file=sys.stderr,
+            disable=quiet or not sys.stderr.isatty(),
+        )  # fmt: skip
+        self.close = self._bar.close
 
     def expect(self, runs: int) -> None:
-        """So many runs more are to come."""
+        """Lengthen the bar by a number of runs."""
+        self._bar.total += runs
+        self._bar.refresh()
 
     def begin(self, spec: RunSpec) -> None:
-        """A run is about to be made."""
+        """Show which run is about to begin."""
+        self._steps = 0 if spec.steps is None else spec.steps.steps
+        self._label = spec.label
+        self._bar.set_postfix_str(spec.label)
 
     def tick(self, step: int) -> None:
-        """So many of its steps are done; called about ten times a second."""
+        """Show the number of its steps so far; called about ten times a second."""
+        self._bar.set_postfix_str(f"{self._label}, step {step} of {self._steps}")
 
     def done(self) -> None:
-        """One of them is there, a new one or one from before."""
+        """Move the bar: a run is finished, or was known."""
+        self._bar.update()
 
     def note(self, text: str) -> None:
-        """Something the user should know, in one line."""
+        """Print a line for the user."""
+        if not self._quiet:
+            self._bar.write(text, file=sys.stderr)
 
 
 class Snapshots(Observer):
