@@ -7,7 +7,6 @@ import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from itertools import groupby
-from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -144,8 +143,10 @@ def _shown(found: Iterator[Row]) -> Iterator[Row]:
         rows = [*group]
         show_line("")
         styles = ["" if row.passed else "bold red" for row in rows]
-        lines = map(itemgetter(*HEADS), map(cells_of, rows))
-        print_table(HEADS, lines, title=rows[0].case.family, row_styles=styles)
+        cells = [*map(cells_of, rows)]
+        heads = [head for head in HEADS if any(of[head] for of in cells)]
+        lines = ([of[head] for head in heads] for of in cells)
+        print_table(heads, lines, title=rows[0].case.family, row_styles=styles)
         for row in rows:
             if not row.passed:
                 typer.echo(f"{row.case.name}: {row.outcome.upper()}: {row.reason}")

@@ -21,7 +21,7 @@ from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.stepper import Family
 from swe_sphere.studies import words
 from swe_sphere.studies.pages import rendered
-from swe_sphere.studies.report.figures import INK, MARKERS, STYLE, finish, svg_text
+from swe_sphere.studies.report.figures import INK, STYLE, finish, svg_text
 from swe_sphere.studies.report.page import read_sections
 from swe_sphere.studies.sweep.sweep_plan import Recipe
 
@@ -161,7 +161,7 @@ def _figure(best: pd.DataFrame, axis: str) -> Figure:
         for axes, family in zip(panels, families, strict=True):
             for n, (name, of) in enumerate(best.groupby("series")):
                 line = of[of["family"] == family]
-                look = {"color": COLOURS[n % len(COLOURS)], "marker": MARKERS[n % len(MARKERS)]}
+                look = {"color": COLOURS[n % len(COLOURS)], "marker": "osD^v"[n % 5]}
                 axes.plot(line["x"], line["ratio"], label=name, markersize=5.0, **look)
             axes.axhline(1.0, color=INK, linewidth=1.0)
             finish(axes, "U/c" if axis == FROUDE else axis, f"{family} / {BASE}")
