@@ -232,18 +232,17 @@ def spectrum() -> Section:
 def dependence() -> Section:
     """Growth rates by wind speed, depth and stretching."""
     meshes = Mesh.build(3, 4), Mesh.build(2, 6)
-    flows = [(5.0, DEPTH), (10.0, DEPTH), (20.0, DEPTH), (SPEED, DEPTH), (SPEED, 10000.0)]
-    flows += [(60.0, 10000.0), (5.0, 250.0), (5.0, 500.0), (5.0, 1000.0), (5.0, 10000.0)]
+    flows = [(5.0, DEPTH), (20.0, DEPTH), (SPEED, DEPTH), (SPEED, 10000.0), (60.0, 10000.0)]
+    flows += [(5.0, 250.0), (5.0, 1000.0)]
     rows = []
     for speed, depth in flows:
         scene = tilted_flow(1.0, speed, depth)
         cells = [cell for mesh in meshes for cell in rates(mesh, scene)]
         rows.append([f"{speed:.3g} m/s, {depth:.0f} m", *cells])
     scene = get_scene("williamson2", alpha=1.0)
-    for factor in (2.0, 3.0):
-        finer = [Mesh.build(m.ne, m.np, stretch=factor, centre=(40.0, 23.0)) for m in meshes]
-        cells = [cell for mesh in finer for cell in rates(mesh, scene)]
-        rows.append([f"stretched {factor:g} times", *cells])
+    finer = [Mesh.build(m.ne, m.np, stretch=3.0, centre=(40.0, 23.0)) for m in meshes]
+    cells = [cell for mesh in finer for cell in rates(mesh, scene)]
+    rows.append(["williamson2, stretched 3 times", *cells])
     return Section(
         "Dependence on wind, depth and stretching",
         "Largest real part [1/day] for α = 1, by the wind speed and the depth at the equator of the"
