@@ -122,7 +122,7 @@ ANGLES = (0.0, 0.3, 0.6, 1.0)
 """Tilt of the axis of the flow of williamson2 against that of the planet [radians]."""
 SPEED, DEPTH = 2.0 * np.pi * EARTH.radius / (12.0 * DAY), 2.94e4 / EARTH.gravity
 C = 0.01
-MESHES = ((2, 4), (3, 4), (4, 4), (2, 5), (3, 5), (2, 6), (2, 8))
+MESHES = ((2, 4), (3, 4), (2, 5), (2, 6))
 
 
 def tilted_flow(alpha: float, speed: float = SPEED, depth: float = DEPTH) -> Scene:
