@@ -179,8 +179,8 @@ def test_a_run_that_became_unstable_is_rescued_with_dissipation(tmp_path):
     [
         ({"initial": "nowhere.nc"}, "there is no file nowhere.nc"),
         ({"initial": 3}, "initial: give a file, a dataset or a function, not 3"),
-        ({"initial_time": 0.5}, "it chooses a frame of the file initial: give both"),
-        ({"initial": np.sin, "initial_time": 0.5}, "it chooses a frame of the file initial"),
+        ({"initial_time": 0.5}, "not None; initial-time chooses a frame of it"),
+        ({"initial": np.sin, "initial_time": 0.5}, "initial-time chooses a frame of it"),
     ],
 )
 def test_what_is_no_initial_state_is_refused_in_one_line(values, said):

@@ -16,7 +16,7 @@ from swe_sphere.cli.show import DEBUG, explain
 from swe_sphere.compiling import on_compile, tell_of_compiling
 from swe_sphere.errors import ConfigError
 from swe_sphere.ranks.communicator import OF_RANKS, refuse_ranks, world
-from swe_sphere.ranks.limits import command_began
+from swe_sphere.ranks.limits import command_began, process_age
 
 COMMANDS = {
     "list": "files:list_all", "run": "run:run", "sweep": "sweep:sweep",
@@ -64,11 +64,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
     0: done, 2: the request cannot be carried out as written, 1: the run failed, 130: interrupted.
     """
-    is_process = arguments is None
+    age = process_age() if arguments is None else 0.0
+    token = command_began.set(time.monotonic() - age)
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
-        at = None if is_process else time.monotonic()
-        with on_compile(tell_of_compiling), command_began(at):
+        with on_compile(tell_of_compiling):
             app = program([name for name in arguments[:1] if name in COMMANDS] or COMMANDS)
             status = app(arguments, prog_name="swe-sphere", standalone_mode=False, obj=arguments)
     except Exception as error:
@@ -80,6 +80,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
             typer.echo(failed_summary({}, line, status).as_json())  # others are those of `run`
         _show_failure(line)
+    finally:
+        command_began.reset(token)
     sys.exit(status or 0)
 
 

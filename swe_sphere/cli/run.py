@@ -1,6 +1,8 @@
 """`swe-sphere run`: a run from flags and a file, in this process or in ranks, and its result."""
 
 import ctypes
+import os
+import re
 import shlex
 import shutil
 import signal
@@ -12,7 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from subprocess import DEVNULL, PIPE
 from threading import Thread
-from typing import Any, TextIO
+from typing import Any
 
 import typer
 
@@ -22,7 +24,7 @@ from swe_sphere.compiling import on_compile
 from swe_sphere.errors import ConfigError, in_one_line
 from swe_sphere.files.user_file import is_user_file
 from swe_sphere.mesh.partition import check_ranks
-from swe_sphere.ranks.communicator import world
+from swe_sphere.ranks.communicator import NAMED, RANK, world
 from swe_sphere.ranks.limits import available_memory
 from swe_sphere.settings.values import convert
 from swe_sphere.simulation.build import make_scene
@@ -38,6 +40,11 @@ NOISE = (
     "Abort(", "application called MPI_Abort", "MPICH:", "[mpiexec@",
 )  # fmt: skip
 """How lines of mpiexec about a process that died begin; ours says it in one."""
+ENDING = {
+    signal.SIGINT: signal.SIGINT, signal.SIGTERM: signal.SIGTERM, signal.SIGHUP: signal.SIGTERM,
+    signal.SIGUSR1: signal.SIGTERM,
+}  # fmt: skip
+"""Signals that end a run, and what mpiexec passes on to its ranks in their place."""
 PR_SET_PDEATHSIG = 1
 """Option of Linux: see prctl(2)."""
 PROCESS = 100 * 2**20
@@ -102,6 +109,7 @@ def _show_summary(summary: Summary, config: RunConfig) -> None:
         words += ["--out", str(config.out), "--days", f"{summary['days_planned']:.12g}"]
         code = {*config.trust, *filter(is_user_file, (config.stepper, config.preconditioner or ""))}
         words += [word for file in sorted(map(str, code)) for word in ("--trust", file)]
+        words += [word for file in config.diagnostics for word in ("--diagnostics", str(file))]
         sys.stderr.write(f"swe-sphere: it goes on with: {shlex.join(words)}\n")
     if config.as_json:
         sys.stdout.write(summary.as_json() + "\n")
@@ -138,18 +146,24 @@ def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
     command = [starter, "-n", str(ranks), sys.executable, "-m", "swe_sphere", *arguments]
     with subprocess.Popen(
         command, stdin=DEVNULL, stdout=PIPE, stderr=PIPE, text=True, preexec_fn=_end_with_parent,
-        process_group=0,
+        process_group=0, env={**os.environ, NAMED: "1"},
     ) as job:  # fmt: skip
         # in a group of its own a Ctrl-C reaches it once, from here, like what others send
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda sent, _: job.send_signal(sent))
+        for number in ENDING:
+            if signal.getsignal(number) != signal.SIG_IGN:
+                signal.signal(number, lambda sent, _: job.send_signal(ENDING[signal.Signals(sent)]))
         assert job.stdout is not None and job.stderr is not None
-        results = Thread(target=_pass_on, args=(job.stdout, sys.stdout))
+        printed: list[str] = []
+        results = Thread(target=printed.extend, args=(job.stdout,))
         results.start()
-        told = _pass_on(job.stderr, sys.stderr)
+        told, processes = _pass_on(job.stderr)
         results.join()
+    sys.stdout.writelines(x for x in printed if x.strip() and not x.startswith(NOISE))
     if job.returncode and not told:
-        sys.stderr.write("swe-sphere: a rank has died; all frames written so far can be read\n")
+        dead = re.findall(r"PID (\d+) RUNNING AT", "".join(printed))
+        known = [f"rank {processes[pid]} of {ranks}" for pid in dead if pid in processes]
+        rank = known[0] if known else "a rank"
+        sys.stderr.write(f"swe-sphere: {rank} was killed; all frames written so far can be read\n")
     return min(abs(int(job.returncode)), 255)
 
 
@@ -162,12 +176,19 @@ def _end_with_parent() -> None:
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
-def _pass_on(lines: Iterable[str], to: TextIO) -> bool:
-    """Print them, but for the noise of mpiexec; whether one of them says why the program fails."""
-    told = False
+def _pass_on(lines: Iterable[str]) -> tuple[bool, dict[str, str]]:
+    """Print the lines of ranks on stderr, but for the noise of mpiexec.
+
+    Returns whether one of them states why the program fails, and numbers of ranks by process.
+    """
+    told, ranks = False, dict[str, str]()
     for line in lines:
+        if line.startswith(RANK):
+            rank, process = line.removeprefix(RANK).split()
+            ranks[process] = rank
+            continue
         if line.strip() and not line.startswith(NOISE):
-            to.write(line)
-            to.flush()
+            sys.stderr.write(line)
+            sys.stderr.flush()
         told = told or (line.startswith("swe-sphere: ") and "warning:" not in line)
-    return told
+    return told, ranks

@@ -21,13 +21,17 @@ def is_user_file(name: str | Path) -> bool:
     return str(name).endswith(".py")
 
 
-def check_trusted(name: object, path: Path, trusted: Iterable[Path] = ()) -> None:
+def check_trusted(
+    name: object, path: Path, trusted: Iterable[Path] = (), is_code: bool = False
+) -> None:
     """Raise ConfigError where the data in path name a Python or TOML file that nobody gave.
 
-    A TOML file counts because the scene in it may be based on a Python file.
+    A TOML file counts because the scene in it may be based on a Python file.  is_code: any file
+    counts.
     """
     given = {Path(each).absolute() for each in trusted}
-    if str(name).endswith((".py", ".toml")) and Path(str(name)).absolute() not in given:
+    is_code = is_code or str(name).endswith((".py", ".toml"))
+    if is_code and Path(str(name)).absolute() not in given:
         raise ConfigError(
             f"{path} names the file {name}, whose code would be executed: read it, then allow it"
             f" with --trust {shlex.quote(str(name))} (in Python: trust=[...])"

@@ -173,9 +173,10 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
 
     def _make(self, diagnostics: Iterable[str]) -> None:
         """Write everything but new frames and samples."""
-        self._series = tuple(diagnostics)
-        series = {name: self._own.get(name, {}) for name in self._series}
         times, earlier = (np.zeros(0), {}) if self._earlier is None else self._earlier.series()
+        self._series = tuple(dict.fromkeys((*diagnostics, *earlier)))
+        about = {} if self._earlier is None else self._earlier.about_series
+        series = {name: self._own.get(name) or about.get(name, {}) for name in self._series}
         times = times[times < self._from]
         data = file_dataset(
             self._mesh, self._attributes, self._bottom, self._coriolis, self._fields, series,

@@ -208,6 +208,9 @@ class RunFile(Nodal):
                 if data[name].dtype.kind not in "fiu":
                     raise ValueError(f"{name} holds no numbers")
             self.about = {name: in_python(data[name].attrs) for name in fields}
+            series = [name for name, v in data.variables.items() if v.dims == (SERIES,)]
+            self.about_series = {str(name): in_python(data[name].attrs) for name in series}
+            """Attributes of the series of diagnostics."""
             self.times = data["time"].values
             if not (self.times.ndim == 1 and np.all(np.diff(self.times, prepend=-1.0) > 0.0)):
                 raise ValueError("its times do not increase")

@@ -31,6 +31,9 @@ SIZES = ("OMPI_COMM_WORLD_SIZE", "MV2_COMM_WORLD_SIZE", "PMI_SIZE")
 """Environment variables in which a launcher of ranks states their number."""
 OF_RANKS = "PMI_RANK", "OMPI_COMM_WORLD_RANK", "MV2_COMM_WORLD_RANK", "PMIX_RANK"
 """Environment variables in which a launcher states the rank of a process."""
+NAMED, RANK = "SWE_SPHERE_NAMED_RANKS", "swe-sphere rank: "
+"""Environment variable by which our launcher has each rank print a line with its number and
+process, and the beginning of that line."""
 PATIENCE = 4.0
 """Seconds that a failing rank waits for the others to fail too."""
 HEARD = 0.2
@@ -98,6 +101,9 @@ class Communicator:
         self._mpi, self._comm = mpi, mpi.COMM_WORLD.Dup()
         self._failures = self._comm.Dup()
         self.rank, self.size = self._comm.rank, self._comm.size
+        if os.environ.pop(NAMED, None):
+            sys.stderr.write(f"{RANK}{self.rank} {os.getpid()}\n")
+            sys.stderr.flush()
         self.local = self._comm.Split_type(mpi.COMM_TYPE_SHARED).rank
         self._asked: Any = None
         self._said, self._heard = np.zeros(1, np.int8), np.zeros(1, np.int8)
@@ -224,11 +230,12 @@ def world() -> Communicator:
         return Communicator()
     try:
         from mpi4py import MPI
-    except ImportError:
+    except (ImportError, RuntimeError) as error:
         if started == 1:
             return Communicator()
+        missing = "mpi4py" if isinstance(error, ImportError) else "MPI library"
         raise ConfigError(
-            "several ranks were started, but there is no mpi4py for them: pip install"
+            f"several ranks were started, but there is no {missing} for them: pip install"
             " 'swe-sphere[mpi]'"
         ) from None
     ranks = Communicator(MPI)

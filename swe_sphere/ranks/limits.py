@@ -3,12 +3,11 @@
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
 from contextvars import ContextVar
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from threadpoolctl import ThreadpoolController
 
@@ -19,23 +18,10 @@ class GivenUp(SweError):
     """A step is given up, because the user asked to stop or the time is used up."""
 
 
-_asked: ContextVar[Callable[[], bool]] = ContextVar("asked", default=lambda: False)
-_began: ContextVar[float] = ContextVar("began")
-
-
-@contextmanager
-def within(variable: ContextVar[Any], value: object) -> Iterator[None]:
-    """Set a context variable within a block."""
-    token = variable.set(value)
-    try:
-        yield
-    finally:
-        variable.reset(token)
-
-
-def stops_if(asked: Callable[[], bool]) -> AbstractContextManager[None]:
-    """Within a block, let `check_stop` raise GivenUp where the function returns True."""
-    return within(_asked, asked)
+stop_is_asked: ContextVar[Callable[[], bool]] = ContextVar("asked", default=lambda: False)
+"""What the loop that takes the present step returns True from where it is to stop."""
+command_began: ContextVar[float] = ContextVar("began")
+"""Beginning of the present command [s, of time.monotonic], from which its time limit counts."""
 
 
 def check_stop() -> None:
@@ -43,21 +29,11 @@ def check_stop() -> None:
 
     Long steps call it within them, on all ranks at the same point of their work.
     """
-    if _asked.get()():
+    if stop_is_asked.get()():
         raise GivenUp("the step is given up")
 
 
-def command_began(at: float | None = None) -> AbstractContextManager[None]:
-    """Within a block, count the time of a command from `at`, or else from the process's start."""
-    return within(_began, time.monotonic() - _age() if at is None else at)
-
-
-def beginning() -> float:
-    """Return the time.monotonic [s] from which the limit of a run counts: by default now."""
-    return _began.get(time.monotonic())
-
-
-def _age() -> float:
+def process_age() -> float:
     """Return the wall time since this process was started [s]; 0 where it is unknown."""
     with suppress(OSError, ValueError, IndexError, AttributeError):
         started = Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19]

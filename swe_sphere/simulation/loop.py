@@ -13,7 +13,7 @@ from typing import Any, Self
 from swe_sphere.errors import TimedOut
 from swe_sphere.files.user_file import is_custom
 from swe_sphere.planet import DAY
-from swe_sphere.ranks.limits import GivenUp, stops_if
+from swe_sphere.ranks.limits import GivenUp, stop_is_asked
 from swe_sphere.simulation.observers import Callback, HealthCheck, Observer, observed
 
 
@@ -165,13 +165,15 @@ class Loop:
             stepper.step()
             return False
         kept, steps = stepper.state_dict(), stepper.steps
+        token = stop_is_asked.set(self._is_asked_to_stop)
         try:
-            with stops_if(self._is_asked_to_stop):
-                stepper.step()
+            stepper.step()
+            return False
         except GivenUp:
             stepper.load_state_dict(kept, steps)
             return True
-        return False
+        finally:
+            stop_is_asked.reset(token)
 
     def _cpu_seconds(self) -> float:
         """Return the CPU time of this process without compiling [s]."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -34,7 +35,7 @@ OF_ONE_RUN = {
 """Fields of a configuration that belong to one run, and what in Python accepts them."""
 
 INHERITED = RunConfig.model_fields.keys() - {
-    *OF_ONE_RUN, "scene", "diagnostics", "reference", "time_limit", "trust",
+    *OF_ONE_RUN, "scene", "reference", "time_limit", "trust",
 }  # fmt: skip
 """Fields of the configuration that a resumed run inherits unless they are given."""
 
@@ -115,6 +116,8 @@ def _contents(out: Path) -> str:
     )
 
 
+DIAGNOSTICS = "diagnostics of "
+"""Beginning of the names of files with diagnostics among the sources of a run."""
 COUNTER = "counter_"
 """Beginning of the names of counters among the arrays of a checkpoint."""
 LENGTHS = "step_lengths"
@@ -148,13 +151,19 @@ class Restart:
         for name in CODE:
             if name not in config.model_fields_set:
                 check_trusted(kept.get(name), self.path, config.trust)
-        return make_config(kept | config.given() | {"restart": self.path})
+        recorded = make_config(kept | {"scene": config.scene}).diagnostics
+        for file in recorded:
+            check_trusted(file, self.path, (*config.trust, *config.diagnostics), is_code=True)
+        files = {"diagnostics": tuple(dict.fromkeys((*recorded, *config.diagnostics)))}
+        return make_config(kept | config.given() | files | {"restart": self.path})
 
     def check(self, identity: dict[str, object]) -> None:
         """Raise ConfigError with the first difference between a run and the earlier one."""
         theirs, ours = self.table("identity"), json.loads(json.dumps(identity))
         before = theirs.get("sources")
         for name, contents in ours.pop("sources").items():
+            if name.startswith(DIAGNOSTICS) and name not in (before or {}):
+                continue  # it is new
             if not isinstance(before, dict) or before.get(name) != contents:
                 raise ConfigError(
                     f"{name} is not what it was when {self.path} was begun: it has been edited;"
@@ -225,6 +234,7 @@ def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
     """Return all that a run must share with another one to resume it."""
     from swe_sphere.steppers import get_stepper
 
+    methods = {"stepper": config.stepper, "preconditioner": config.preconditioner}
     return {
         "scene": scene.name,
         "stepper": get_stepper(config.stepper).name,
@@ -238,13 +248,13 @@ def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
         "scene_parameters": dict(scene.parameters),
         "effects": {effect.name: asdict(effect) for effect in scene.effects},
         "planet": asdict(scene.planet),
-        "sources": run_sources(
-            config.scene, scene, stepper=config.stepper, preconditioner=config.preconditioner
-        ),
+        "sources": run_sources(config.scene, scene, config.diagnostics, **methods),
     }
 
 
-def run_sources(name: str, scene: Scene, **methods: str | None) -> dict[str, str]:
+def run_sources(
+    name: str, scene: Scene, diagnostics: Iterable[Path] = (), **methods: str | None
+) -> dict[str, str]:
     """Return fingerprints of the files of a scene by its name, of its data and of some methods.
 
     Names of bases are relative to the file of the scene, so that the folder may be moved.  Files of
@@ -256,6 +266,7 @@ def run_sources(name: str, scene: Scene, **methods: str | None) -> dict[str, str
         files = scene_files(name)
         labels = (SCENE_FILE, *(os.path.relpath(path, files[0].parent) for path in files[1:]))
         found = {label: file_fingerprint(path) for label, path in zip(labels, files, strict=False)}
+        found |= {f"{DIAGNOSTICS}{file}": file_fingerprint(file) for file in diagnostics}
         for what, file in methods.items():
             if file and is_user_file(file):
                 found[f"the {what}'s file"] = file_fingerprint(Path(file))

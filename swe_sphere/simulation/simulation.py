@@ -28,7 +28,7 @@ from swe_sphere.io.integrals import tracer_masses
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.ranks.communicator import world
-from swe_sphere.ranks.limits import beginning
+from swe_sphere.ranks.limits import command_began
 from swe_sphere.settings.values import convert, validated
 from swe_sphere.simulation import build, planning
 from swe_sphere.simulation.config import RunConfig, make_config
@@ -42,10 +42,11 @@ from swe_sphere.simulation.diagnostics import (
     reference_errors,
     state_integrals,
 )
-from swe_sphere.simulation.initial import read_initial
+from swe_sphere.simulation.initial import Initial
 from swe_sphere.simulation.loop import Interrupted, Interruption, Loop
 from swe_sphere.simulation.observers import (
     Callback,
+    HealthCheck,
     Observer,
     ProgressBar,
     Recorder,
@@ -172,9 +173,12 @@ class Simulation:
         self.kind = get_stepper(objects.pop("stepper", config.stepper))
         """The class of the stepper."""
         self.scene = build.make_scene(config, scene if isinstance(scene, Scene) else None, added)
-        self.initial = read_initial(objects.pop("initial", config.initial), config.initial_time)
+        self.initial: Initial | None = None
         """What the run begins from in the place of the scene's initial state; None: from that."""
-        self.scene = self.scene if self.initial is None else self.initial.begin(self.scene)
+        begun = objects.pop("initial", config.initial)
+        if begun is not None or config.initial_time is not None:
+            self.initial = Initial(begun, config.initial_time)
+            self.scene = self.initial.begin(self.scene)
         self._objects = objects
         self.mesh = build.make_mesh(config, self.scene, mesh)
         self.identity = identity(config, self.scene, self.mesh)
@@ -501,7 +505,7 @@ class Simulation:
             KeyboardInterrupt: Ctrl-C; the last frame has been written, and the file is closed.
                 Other signals take effect then, too.
         """
-        since = beginning()
+        since = command_began.get(time.monotonic())
         asked = {"days": days, "every": every, "time_limit": time_limit, "out": out}
         asked |= {"overwrite": overwrite or None, "restart": self._continues}
         asked = {name: value for name, value in asked.items() if value is not None}
@@ -522,6 +526,8 @@ class Simulation:
         self._warn_of_run()
         try:
             if config.out is not None:
+                if self.steps:  # a spoilt state must not replace the last good one in the file
+                    HealthCheck(self).observe(self.snapshot)
                 self._continues = config.out.resolve()
                 observers.insert(0, Recorder(self))
         except (RunFailed, *BREAKDOWNS) as error:

@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.files.durable import clear_errors, write_whole
 from swe_sphere.files.fingerprints import code_fingerprint
+from swe_sphere.io.checkpoint import checkpoint_path
 from swe_sphere.io.integrals import area_mean
 from swe_sphere.io.layout import MESH_ATTRIBUTES
 from swe_sphere.io.runfile import TOLERANCE, RunFile, table_in
@@ -26,13 +28,17 @@ from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.simulation.restart import run_sources
 from swe_sphere.simulation.simulation import run
 
+FREE = ("overwrite", "out", "days", "time_limit", "restart", "quiet", "as_json", "live", "plot")
+"""Fields in which the configuration of a member may differ from that of its file."""
+
 
 def run_members(
     config: RunConfig, seeds: Sequence[int], folder: Path, tell: Callable[[str], None]
 ) -> list[Path]:
     """Run a scene with `scene.seed` of each seed; return the files SCENE_seedK.nc in a folder.
 
-    A finished member of the same configuration is kept; an unfinished one is made again.
+    A finished member of the same configuration is kept; one that is unfinished, or shorter than the
+    configuration says, is resumed from its checkpoint.
 
     Args:
         tell: called with a line for each member.
@@ -55,29 +61,35 @@ def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], No
     settings = (*config.settings, Setting(SCENE, "seed", seed))
     member = config.model_copy(update={"settings": settings, "out": out})
     if out.exists() and not config.overwrite:
-        found, apart = RunFile(out).attributes, {"overwrite": False, "out": None}
-        stored = table_in(str(found.get("configuration")))
-        if stored | apart == member.model_dump(mode="json") | apart:
-            _check_sources(out, found, member)
-            if found.get("completed"):
+        found, apart = RunFile(out).attributes, dict.fromkeys(FREE)
+        stored, scene = table_in(str(found.get("configuration"))), make_scene(member)
+        days, before = (float(each or scene.days) for each in (member.days, stored.get("days")))
+        if stored | apart == member.model_dump(mode="json") | apart and before <= days:
+            _check_sources(out, found, member, scene)
+            if found.get("completed") and before == days:
                 tell(f"seed {seed}: kept, {out}")
                 return out
-            member = member.model_copy(update={"overwrite": True})  # frames at the same times
+            begun = checkpoint_path(out).exists()
+            resumed = {"restart": out, "days": days} if begun else {"overwrite": True}
+            member = member.model_copy(update=resumed)
     summary = run(member)
     if summary.status == "interrupted":
         raise Interrupted(
             f"seed {seed}: {summary.reason}; the same command goes on with the others"
         )
     if not summary.completed:
-        raise RunFailed(f"seed {seed}: {summary.reason}")
+        hint = "; the same command resumes it" if summary.status == "timed-out" else ""
+        raise RunFailed(f"seed {seed}: {summary.reason}{hint}")
     tell(f"seed {seed}: {summary['wall_seconds']:.3g} s, {out}")
     return out
 
 
-def _check_sources(file: Path, found: Mapping[str, object], config: RunConfig) -> None:
+def _check_sources(
+    file: Path, found: Mapping[str, object], config: RunConfig, scene: Scene
+) -> None:
     """Raise ConfigError if the code or the user's files of a run have changed since."""
     methods = {"stepper": config.stepper, "preconditioner": config.preconditioner}
-    sources = run_sources(config.scene, make_scene(config), **methods)
+    sources = run_sources(config.scene, scene, config.diagnostics, **methods)
     if found.get("code") != code_fingerprint() or table_in(str(found.get("sources"))) != sources:
         raise ConfigError(
             f"{file} was made by other code, or from files that have been edited since: make the"
