@@ -86,10 +86,46 @@ def test_a_spread_is_that_of_the_members(tmp_path):
     assert [file.stat().st_mtime_ns for file in files] == before
     assert all("kept" in line for line in told[3:]) and len(told) == 6
     with pytest.raises(ConfigError, match="holds a finished run"):
-        run_members(make_config(SMALL | {"days": 0.2}), (1, 2), tmp_path, told.append)
+        run_members(
+            make_config(SMALL | {"days": 0.5 * SMALL["days"]}), (1, 2), tmp_path, told.append
+        )
     files += run_members(make_config(SMALL | {"ne": 3}), (4, 5), tmp_path, told.append)
     with pytest.raises(ConfigError, match=r"seed4\.nc has another mesh or other times than"):
         spread(files)
+
+
+def test_an_ensemble_grows_in_days_and_seeds_and_another_time_limit_is_the_same_run(tmp_path):
+    told: list[str] = []
+    asked = SMALL | {"every": 1.2, "dt": 1440.0}
+    few = asked | {"days": 0.05, "time_limit": 1e6}
+    run_members(make_config(few), (1, 2), tmp_path, told.append)
+    before = (tmp_path / "galewsky_seed1.nc").stat().st_mtime_ns
+    run_members(make_config(few | {"time_limit": 2e6}), (1, 2, 3), tmp_path, told.append)
+    assert [": kept, " in line for line in told] == [False, False, True, True, False]
+    assert (tmp_path / "galewsky_seed1.nc").stat().st_mtime_ns == before
+    files = run_members(make_config(asked | {"days": 0.1}), (1, 2, 3), tmp_path, told.append)
+    for file in files:  # frames of the first half are kept, and the second is what it would be
+        assert RunFile(file).times.tolist() == [4320.0 * k for k in range(3)]
+    whole = run_members(make_config(asked | {"days": 0.1}), (1, 2), tmp_path / "whole", print)
+    for file, right in zip(files, whole, strict=False):
+        ours, theirs = (RunFile(each).frame()["h"] for each in (file, right))
+        assert np.array_equal(ours, theirs)
+
+
+def test_a_member_that_took_too_long_is_resumed_from_where_it_was(tmp_path, monkeypatch):
+    """So that a member longer than the limit is finished by some number of commands."""
+    asked = SMALL | {"every": 0.4, "dt": 480.0, "days": 0.1, "time_limit": 1e-9}
+    reached, told = [], []
+    for _ in range(40):
+        with pytest.raises(RunFailed, match="the same command resumes it") as failed:
+            run_members(make_config(asked), (1, 2), tmp_path, told.append)
+        reached.append(RunFile(tmp_path / "galewsky_seed1.nc").nearest(None))
+        if "seed 2" in str(failed.value):
+            break
+    assert reached == sorted(reached) and reached[0] == 480.0 and reached[-1] == 8640.0
+    asked["time_limit"] = None
+    run_members(make_config(asked), (1, 2), tmp_path, told.append)
+    assert ": kept, " in told[-2]
 
 
 def test_members_of_other_code_or_of_an_edited_scene_are_not_kept(tmp_path, monkeypatch):
@@ -155,7 +191,8 @@ def test_ctrl_c_ends_an_ensemble_with_130_and_the_same_command_goes_on(tmp_path,
         main(line)
     told = capsys.readouterr()
     assert (ended.value.code, told.err) == (0, "")
-    assert [*RunFile(tmp_path / "members" / "galewsky_seed1.nc").times] == [0.0, 8640.0]
+    times = [*RunFile(tmp_path / "members" / "galewsky_seed1.nc").times]
+    assert times == [0.0, 576.0, 8640.0]  # it was resumed after its first step
 
 
 @pytest.mark.parametrize(

@@ -348,7 +348,7 @@ def test_ranks_that_fail_say_so_in_one_line(mpi, arguments, said):
 @pytest.mark.parametrize(
     ("deed", "said"),
     [
-        ("os.kill(os.getpid(), signal.SIGKILL)", "a rank has died"),
+        ("os.kill(os.getpid(), signal.SIGKILL)", "rank 1 of 3 was killed"),
         (
             "raise ValueError('what a pity')",
             "rank 1 of 3: the diagnostic fails_on_day fails: ValueError",
@@ -376,7 +376,8 @@ def fails_on_day(sim):
     assert said in ended.stderr
     with xr.open_dataset(out) as frames:
         assert frames.sizes["time"] == 4
-    assert status_here(*run, "--restart", out, "--out", out) == 0
+    own.write_text(own.read_text().replace(deed, "pass"))
+    assert status_here(*run, "--restart", out, "--out", out, "--diagnostics", own) == 0
     with xr.open_dataset(out) as frames:
         assert frames.sizes["time"] == 9
 
@@ -588,7 +589,36 @@ def test_one_rank_may_have_jobs(mpi):
     assert ended.returncode == 0 and "MPI" not in ended.stderr
 
 
-@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are found in /proc")
+def test_a_rank_that_was_killed_is_named(mpi, tmp_path):
+    out = tmp_path / "run.nc"
+    run = ["run", "williamson5", "--ne=2", "--dt=60", "--days=20000", "--every=1", "--ranks=2"]
+    command = [sys.executable, "-m", "swe_sphere", *run, f"--out={out}"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as job:
+        within(300.0, out.exists)
+        found = {}
+        for pid in children(job.pid) - {job.pid}:
+            with suppress(OSError):
+                given = Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+                found |= {int(x[9:]): pid for x in given if x.startswith(b"PMI_RANK=")}
+        os.kill(found[1], signal.SIGKILL)
+        _, told = job.communicate(timeout=300)
+    last = "swe-sphere: rank 1 of 2 was killed; all frames written so far can be read"
+    assert told.splitlines()[-1] == last and job.returncode
+
+
+def test_ranks_without_a_library_of_mpi_end_in_one_line(mpi, monkeypatch):
+    monkeypatch.setenv("MPI4PY_LIBMPI", "/nowhere/libmpi.so")
+    command = [sys.executable, "-m", "swe_sphere", "run", "williamson2", "--ne=2", "--ranks=2"]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert ended.returncode == 2 and not ended.stdout
+    assert ended.stderr.splitlines() == [
+        "swe-sphere: several ranks were started, but there is no MPI library for them: pip install"
+        " 'swe-sphere[mpi]'"
+    ]
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1])
 @pytest.mark.thorough
 def test_ranks_hear_of_what_is_sent_to_what_started_them(mpi, tmp_path, sent):
     out = tmp_path / "run.nc"

@@ -16,7 +16,7 @@ import numpy as np
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.fingerprints import SCENE_FILE, file_fingerprint
-from swe_sphere.files.user_file import cause, check_trusted, is_user_file
+from swe_sphere.files.user_file import cause, check_trusted, file_contents, is_user_file
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig, make_config
@@ -151,19 +151,26 @@ class Restart:
         for name in CODE:
             if name not in config.model_fields_set:
                 check_trusted(kept.get(name), self.path, config.trust)
-        recorded = make_config(kept | {"scene": config.scene}).diagnostics
-        for file in recorded:
-            check_trusted(file, self.path, (*config.trust, *config.diagnostics), is_code=True)
-        files = {"diagnostics": tuple(dict.fromkeys((*recorded, *config.diagnostics)))}
-        return make_config(kept | config.given() | files | {"restart": self.path})
+        if "diagnostics" not in config.model_fields_set:
+            before = self.table("identity").get("sources")
+            for file in make_config(kept | {"scene": config.scene}).diagnostics:
+                check_trusted(file, self.path, config.trust, is_code=True)
+                file_contents(file, "diagnostic")  # a file that is missing is an error
+                label, now = f"{DIAGNOSTICS}{file}", file_fingerprint(file)
+                if isinstance(before, dict) and before.get(label, now) != now:
+                    raise ConfigError(
+                        f"{file} has been edited since {self.path} was begun: give it again"
+                        f" (--diagnostics {file})"
+                    )
+        return make_config(kept | config.given() | {"restart": self.path})
 
     def check(self, identity: dict[str, object]) -> None:
         """Raise ConfigError with the first difference between a run and the earlier one."""
         theirs, ours = self.table("identity"), json.loads(json.dumps(identity))
         before = theirs.get("sources")
         for name, contents in ours.pop("sources").items():
-            if name.startswith(DIAGNOSTICS) and name not in (before or {}):
-                continue  # it is new
+            if name.startswith(DIAGNOSTICS):
+                continue  # the numbers of the run do not depend on it
             if not isinstance(before, dict) or before.get(name) != contents:
                 raise ConfigError(
                     f"{name} is not what it was when {self.path} was begun: it has been edited;"

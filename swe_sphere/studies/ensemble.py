@@ -110,10 +110,10 @@ def spread(files: Sequence[Path], field: str = "vorticity") -> pd.DataFrame:
     runs = [RunFile(path) for path in files]
     field = check_field(field, runs[0].about)
     times, mesh = runs[0].times, runs[0].mesh
-    for other in runs[1:]:
+    for other in runs[1:]:  # those that were interrupted have more frames
         same = all(other.attributes[name] == runs[0].attributes[name] for name in MESH_ATTRIBUTES)
-        alike = other.times.shape == times.shape and np.ptp(other.times - times) < TOLERANCE
-        if not (same and alike):
+        times = times[[bool(np.any(np.abs(other.times - t) < TOLERANCE)) for t in times]]
+        if times.size < min(2, runs[0].times.size) or not same:
             raise ConfigError(f"{other.path} has another mesh or other times than {runs[0].path}")
     found = [np.var([run.values(field, time) for run in runs], axis=0, ddof=1) for time in times]
     if not any(each.any() for each in found):
