@@ -62,8 +62,9 @@ def derivatives(geo: geometry, a: local, b: local, e: int, n: int):
 
 
 @kernel
-def gradient(geo: geometry, x: local, east: local, north: local):
+def gradient(begin: int, geo: geometry, x: local, east: local, north: local):
     e, part = wp.tid()
+    e += begin
     for n in range(part * share, part * share + share):
         w = geo.weight[n // np_, n % np_]
         s1, s2 = derivatives(geo, x, x, e, n)
@@ -79,9 +80,9 @@ def diverge(geo: geometry, f1: local, f2: local, row: int, e: int, n: int, out: 
 
 
 @kernel
-def divergence(geo: geometry, f1: local, f2: local, out: local):
+def divergence(begin: int, geo: geometry, f1: local, f2: local, out: local):
     e, n = wp.tid()
-    diverge(geo, f1, f2, e, e, n, out)
+    diverge(geo, f1, f2, begin + e, begin + e, n, out)
 
 
 @func
@@ -91,9 +92,10 @@ def put_fluxes(geo: geometry, u: value, v: value, row: int, e: int, n: int, f1: 
 
 
 @kernel
-def wind_fluxes(geo: geometry, r: state, f1: local, f2: local, out: local):
+def wind_fluxes(begin: int, geo: geometry, r: state, f1: local, f2: local, out: local):
     """Leave the fluxes of the wind of r."""
     e, part = wp.tid()
+    e += begin
     row = wp.where(together, 0, e)
     for n in range(part * share, part * share + share):
         u = load_given(r, 0, geo.nodes[e, n])
@@ -106,11 +108,12 @@ def wind_fluxes(geo: geometry, r: state, f1: local, f2: local, out: local):
 
 @kernel
 def slope_fluxes(
-    geo: geometry, east: local, east_flat: vector, north: local, north_flat: vector, f1: local,
-    f2: local, out: local,
+    begin: int, geo: geometry, east: local, east_flat: vector, north: local, north_flat: vector,
+    f1: local, f2: local, out: local,
 ):  # fmt: skip
     """Leave the fluxes of a gradient."""
     e, part = wp.tid()
+    e += begin
     row = wp.where(together, 0, e)
     for n in range(part * share, part * share + share):
         u = mul(geo.per_area[e, n], assembled(geo, east, east_flat, e, n))

@@ -46,15 +46,15 @@ def bounded(
 
 @kernel
 def limit_elements(
-    geo: geometry, x: vector, depth: int, first: int, count: int, lower: vector, upper: vector,
-    out: local,
+    begin: int, geo: geometry, x: vector, depth: int, first: int, count: int, lower: vector,
+    upper: vector, out: local,
 ):  # fmt: skip
-    """Limit within each element, over groups; bounds (count,).
+    """Limit within each element, over groups from `begin` on; bounds (count,).
 
     `depth` and `first` are the offsets of the depth and of the first tracer in the state x.  `out`
     (groups, np*np, count) becomes the mass-weighted change of each element node, before DSS.
     """
-    e = wp.tid()
+    e = begin + wp.tid()
     for k in range(count):
         at = first + k * geo.size
         excess = value(real(0.0))

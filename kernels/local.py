@@ -20,7 +20,9 @@ from swe_sphere.kernels.terms import KernelTypes, Terms, done, geometry, local
 
 @functools.cache
 def tendency_kernels(t: KernelTypes, finish_of: Any = finish_rates) -> list[Any]:
-    """Return the kernel (geometry, x (unknowns*N,), out, done (unknowns*N,)) of `t.terms`.
+    """Return the kernel (begin, geometry, x (unknowns*N,), out, done (unknowns*N,)) of `t.terms`.
+
+    It is for the groups of elements from `begin` on.
 
     With diffusion in the shape "node" the kernel (geometry, x), which fills `geometry.fluxes`, goes
     before, over the same threads.  Where `t` has pointwise terms, the tendencies at nodes inside
@@ -46,13 +48,13 @@ def tendency_kernels(t: KernelTypes, finish_of: Any = finish_rates) -> list[Any]
 
     # two kernels: with a second number for a thread, Warp divides twice for each element
     @kernel
-    def tendency_of_groups(geo: geometry, x: vector, out: local, done: done):
-        add_terms(geo, x, wp.tid(), 0, out, done)
+    def tendency_of_groups(begin: int, geo: geometry, x: vector, out: local, done: done):
+        add_terms(geo, x, begin + wp.tid(), 0, out, done)
 
     @kernel
-    def tendency(geo: geometry, x: vector, out: local, done: done):
+    def tendency(begin: int, geo: geometry, x: vector, out: local, done: done):
         e, n = wp.tid()
-        add_terms(geo, x, e, n, out, done)
+        add_terms(geo, x, begin + e, n, out, done)
 
     launched = tendency if by_node else tendency_of_groups
     fluxes = [flux_kernel(t)] if terms.diffuses and by_node else []
@@ -61,28 +63,31 @@ def tendency_kernels(t: KernelTypes, finish_of: Any = finish_rates) -> list[Any]
 
 @functools.cache
 def field_kernel(t: KernelTypes, formula: Formula, finish: Finish = None) -> Any:
-    """Return the kernel (geometry, a, x, first, count, out, done) of a formula.
+    """Return the kernel (begin, geometry, a, x, first, count, out, done) of a formula.
 
-    It is for `count` fields of x from the offset `first` on; `done` is only used by `finish`.  The
-    shape "node" launches (E, count, np*np) threads.
+    It is for the groups of elements from `begin` on, and for `count` fields of x from the offset
+    `first` on; `done` is only used by `finish`.  The shape "node" launches (E, count, np*np)
+    threads.
     """
     by_node, (load_winds, sweep) = t.shape == "node", _sweep(t, formula, finish, shared=True)
 
     @kernel
     def over_fields_of_groups(
-        geo: geometry, a: vector, x: vector, first: int, count: int, out: local, done: done
-    ):
-        e = wp.tid()
+        begin: int, geo: geometry, a: vector, x: vector, first: int, count: int, out: local,
+        done: done,
+    ):  # fmt: skip
+        e = begin + wp.tid()
         load_winds(geo, a, x, e)
         for k in range(count):
             sweep(geo, a, x, first + k * geo.size, k, e, 0, out, done)
 
     @kernel
     def over_fields(
-        geo: geometry, a: vector, x: vector, first: int, count: int, out: local, done: done
-    ):
+        begin: int, geo: geometry, a: vector, x: vector, first: int, count: int, out: local,
+        done: done,
+    ):  # fmt: skip
         e, k, n = wp.tid()
-        sweep(geo, a, x, first + k * geo.size, k, e, n, out, done)
+        sweep(geo, a, x, first + k * geo.size, k, begin + e, n, out, done)
 
     return specialise(over_fields if by_node else over_fields_of_groups, t)
 

@@ -124,15 +124,16 @@ def nearness(share: real, x: vector, first: int, then: vector, out: vector):
 
 @kernel
 def leapfrog(
-    previous: vector, state: vector, tendency: vector, two_dt: real, displacement: real, share: real
-):
+    begin: int, previous: vector, state: vector, tendency: vector, two_dt: real, displacement: real,
+    share: real,
+):  # fmt: skip
     """Take one filtered leapfrog step (Williams 2009, doi:10.1175/2009MWR2724.1, eqs. 7-9).
 
-    With x- the filtered past, x the present and k the tendency, x+ = x- + 2 dt k and the
-    displacement d = (nu/2)(x- - 2x + x+), where `displacement` is nu/2; `previous` becomes
-    x + share d and `state` becomes x+ - (1 - share) d.
+    The numbers are those from `begin` on.  With x- the filtered past, x the present and k the
+    tendency, x+ = x- + 2 dt k and the displacement d = (nu/2)(x- - 2x + x+), where `displacement`
+    is nu/2; `previous` becomes x + share d and `state` becomes x+ - (1 - share) d.
     """
-    i = wp.tid()
+    i = begin + wp.tid()
     x = load(state, i)
     future = load(previous, i) + two_dt * load(tendency, i)
     d = displacement * (load(previous, i) - real(2.0) * x + future)

@@ -121,14 +121,17 @@ def mix_run(
 
 @kernel
 def mix(
-    n: int, x: vector, levels: wp.array2d(dtype=real), weights: vector, first: int, last: int,
-    out: vector,
+    begin: int, size: int, fields: int, x: vector, levels: wp.array2d(dtype=real), weights: vector,
+    first: int, last: int, out: vector,
 ):  # fmt: skip
-    """out = x + sum_k w_k (levels_k - x) with first <= k < last, over runs of x (n,).
+    """out = x + sum_k w_k (levels_k - x) with first <= k < last, over runs of nodes.
 
-    The last run may overlap the one before.  `out` is another array than the others.
+    The nodes begin with `begin`, and fields are `size` apart.  `out` is another array than the
+    others.
     """
-    mix_run(x, levels, weights, first, last, wp.min(lanes * wp.tid(), n - lanes), out)
+    node = begin + lanes * wp.tid()
+    for f in range(fields):
+        mix_run(x, levels, weights, first, last, f * size + node, out)
 
 
 @Register.func_native("""

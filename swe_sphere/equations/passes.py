@@ -59,7 +59,7 @@ class Passes:
         )
         self._direct, lanes = direct, mesh.lanes if direct else 1
         depth, wind, kind = run_kernels(terms.unknowns, point, damped)
-        span = self._real, lanes, mesh.inner if direct else 0, mesh.size
+        span = self._real, lanes, *mesh.spans(mesh.inner if direct else 0)
         self._depth_sums = in_runs(model.launch, depth, *span)
         self._wind_sums = []
         if self._moves:

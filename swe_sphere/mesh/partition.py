@@ -1,13 +1,13 @@
 """Partition of a mesh between ranks along a space-filling curve; nested dissection of its nodes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.mesh.cubed_sphere import BLOCK, Integers
+from swe_sphere.mesh.cubed_sphere import BLOCK, FACES, Integers
 from swe_sphere.mesh.mesh import Mesh
 
 PATH = ((0, 0), (1, 0), (2, 0), (5, 1), (3, 5), (4, 0))
@@ -30,6 +30,21 @@ def curve(ne: int) -> Integers:
         along = _hilbert(x * side // ne, y * side // ne, side)
         pieces.append(face * ne**2 + np.argsort(along))
     return np.concatenate(pieces)
+
+
+def rings(ne: int) -> Integers:
+    """Return the numbers (E,) of the elements in rings, each of which touches two others only.
+
+    Rings are squares about the centre of face 5, belts around faces 0 to 3, and squares about the
+    centre of face 4; each begins at the same longitude and runs eastward.
+    """
+    face, *along = np.indices((6, ne, ne)).reshape(3, -1)
+    first, second = (2 * a - (ne - 1) for a in along)  # twice the coordinates are integers
+    normal, one, two = FACES[face].transpose(1, 2, 0)
+    x, y, z = ne * normal + first * one + second * two
+    radius = np.maximum(abs(x), abs(y))
+    ring = np.select([face == 4, face == 5], [3 * ne - radius, radius - 3 * ne], z)
+    return np.lexsort((np.arctan2(y, x), ring))
 
 
 def _hilbert(x: Integers, y: Integers, side: int) -> Integers:
@@ -88,6 +103,9 @@ class Part:
     """(3, chunks, 2) begin and end of the nodes that each chunk owns, among interior nodes, edges
     and vertices; chunks along the curve."""
 
+    is_mesh: bool = False
+    """Whether it is the whole mesh in the order of the mesh."""
+
     @cached_property
     def owned(self) -> Integers:
         """(m,) places of the nodes that this rank owns, chunk by chunk within each kind."""
@@ -112,11 +130,22 @@ def check_ranks(ne: int, ranks: int) -> None:
         )
 
 
-def whole(mesh: Mesh) -> Part:
-    """Return the part of a single process: all of a mesh, in its own order."""
+RINGED = 6 * 20**2 * 4**2
+"""Element nodes from which on a mesh is computed in rings: the caches hold no larger one."""
+
+
+def whole(mesh: Mesh, shape: str) -> Part:
+    """Return the part of a single process: the whole mesh, whose elements stand in rings if many.
+
+    shape: launch shape of the kernels; with a thread for each node the order is that of the mesh.
+    """
+    if shape == "element" and mesh.nodes.size >= RINGED:
+        everything = np.array([[[0, mesh.size]]])
+        return replace(Partition(mesh, 1).part(0), spans=everything)
     return Part(
         np.arange(mesh.elements), mesh.elements, np.arange(mesh.size), mesh.nodes,
         np.diff(mesh.gather_offsets), mesh.gather_entries, {}, {}, np.zeros((3, 0, 2), int),
+        is_mesh=True,
     )  # fmt: skip
 
 
@@ -131,7 +160,7 @@ class Partition:
         check_ranks(mesh.ne, size)
         chunks, per_chunk = pieces(mesh.ne)
         self._mesh, self._points = mesh, mesh.np**2
-        self._order = curve(mesh.ne)
+        self._order = rings(mesh.ne) if size == 1 else curve(mesh.ne)
         along = np.argsort(self._order)
         self._bounds = np.arange(size + 1) * chunks // size
         """(size + 1,) first chunk of each rank."""
@@ -148,7 +177,7 @@ class Partition:
         self._counts = np.diff(mesh.gather_offsets)
         self._kind = np.minimum(self._counts, 3) - 1
         """(N,) 0 inside an element, 1 on an edge, 2 at a vertex."""
-        block, lane = np.divmod(first_element, BLOCK if per_chunk % BLOCK == 0 else 1)
+        block, lane = np.divmod(first_element, 1 if size > 1 and per_chunk % BLOCK else BLOCK)
         self._place = np.argsort(np.lexsort((lane, first_point, block, self._kind)))
         """(N,) place of each node in an order like that of the mesh, but along the curve."""
         ranks = self._rank[element]

@@ -22,7 +22,8 @@ from swe_sphere.mesh.cubed_sphere import BLOCK
 from swe_sphere.mesh.partition import Part, Partition, whole
 from swe_sphere.operators.chunks import Chunks
 from swe_sphere.operators.halo import Halo, Rim
-from swe_sphere.operators.launch import Launcher
+from swe_sphere.operators.launch import Launcher, Span
+from swe_sphere.operators.strips import Strips
 from swe_sphere.ranks.communicator import Communicator
 
 ALONE = Communicator()
@@ -56,7 +57,7 @@ class DeviceMesh:
         part: Part | None = None,
     ) -> None:  # fmt: skip
         if part is None:
-            part = Partition(mesh, comm.size).part(comm.rank) if comm.shared else whole(mesh)
+            part = Partition(mesh, comm.size).part(comm.rank) if comm.shared else whole(mesh, shape)
         self.mesh, self.part, self.comm = mesh, part, comm
         self.device, self.real, self.shape = device, real, shape
         self.elements, self.size, self.points = part.elements.size, part.nodes.size, mesh.np**2
@@ -249,12 +250,38 @@ class DeviceMesh:
     def sweep(self, launch: Launcher, field: Field) -> Callable[..., None]:
         """Return the launch (kernel, threads, *inputs) over the elements of results in the field.
 
-        They are exchanged between ranks.  While messages are on their way, elements away from the
+        The first argument of a kernel, its first group of elements, is not among the inputs.
+        Results are exchanged between ranks; while messages are on their way, elements away from the
         rim are computed.
         """
-        if not self.halos:
-            return launch
-        return functools.partial(self._rim.launch, launch, self.halos[field.flat.ptr])
+        if self.halos:
+            return functools.partial(self._rim.launch, launch, self.halos[field.flat.ptr])
+        cuts = None if self.strips is None else self.strips.groups
+        return lambda kernel, threads, *inputs: launch(kernel, threads, 0, *inputs, cuts=cuts)
+
+    @functools.cached_property
+    def strips(self) -> Strips | None:
+        """The strips of elements in which launches follow one another; None on small meshes."""
+        if self.lanes == 1 or self.comm.shared or self.part.is_mesh:
+            return None
+        return Strips(self.part, self.lanes)
+
+    def spans(self, begin: int = 0) -> list[Span]:
+        """Return the nodes from `begin` on: all at once, or those of each kind in strips."""
+        if self.strips is None:
+            return [Span(begin, self.size)]
+        return [s._replace(begin=max(s.begin, begin)) for s in self.strips.spans if s.end > begin]
+
+    def launch_over_fields(self, launch: Launcher, kernel: Any, numbers: int, *inputs: Any) -> None:
+        """Launch a kernel, whose first argument is its first number, over fields (numbers,)."""
+        if self.strips is None:
+            launch(kernel, numbers, 0, *inputs)
+            return
+        for field in range(0, numbers, self.size):
+            for span in self.strips.spans:
+                begin, end, _ = span
+                cuts = span.cut(begin, end, 1, field)
+                launch(kernel, end - begin, field + begin, *inputs, cuts=cuts)
 
     @functools.cached_property
     def _rim(self) -> Rim:
@@ -334,7 +361,7 @@ class DeviceMesh:
 
     def restrict(self, values: NDArray[Any]) -> NDArray[Any]:
         """Fields (..., k N) of the whole mesh at the nodes of this rank: (..., k n)."""
-        if not self.comm.shared:
+        if self.part.is_mesh:
             return values
         fields = values.reshape(-1, self.mesh.size)[:, self.part.nodes]
         return fields.reshape(*values.shape[:-1], -1)
@@ -345,7 +372,7 @@ class DeviceMesh:
         Field by field, so that messages take no more room than one of them.
         """
         values: NDArray[Any] = vector.numpy() if isinstance(vector, wp.array) else vector
-        if not self.comm.shared:
+        if self.part.is_mesh:
             return values
         fields = values.reshape(-1, self.size)
         joined = np.empty((len(fields), self.mesh.size), values.dtype)

@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.kernels.simd.memory import pack, unpack
-from swe_sphere.operators.launch import REMEMBERED, Launcher
+from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.replay import between
 from swe_sphere.ranks.communicator import Communicator
 
@@ -123,54 +123,25 @@ class Halo:
 
 
 LEAST = 32
-"""Groups of elements away from the rim from which on two launches are worth while: more than a
-matrix of any order has rows, so that arrays on elements are known by their length."""
+"""Groups of elements away from the rim from which on two launches are worth while."""
 
 
 class Rim:
     """Launches kernels over `groups` of elements in two: those behind the first `away`, then these.
 
-    Arrays on elements are those of at least two dimensions with a row for each group.
+    The first argument of a kernel is the first group of a launch.
     """
 
     def __init__(self, groups: int, away: int) -> None:
         self._groups, self._away = groups, away if away >= LEAST else 0
-        self._known: dict[int, tuple[Any, Any]] = {}
 
     def launch(
         self, launch: Launcher, halo: Halo, kernel: Any, threads: Any, *arguments: Any
     ) -> None:
         """Compute all elements and exchange what they leave."""
         each = threads[1:] if isinstance(threads, tuple) else ()
-        if not self._away:
-            launch(kernel, (self._groups, *each), *arguments)
-            halo()
-            return
-        behind = map(self._behind, arguments)
-        launch(kernel, (self._groups - self._away, *each), *behind)
+        launch(kernel, (self._groups - self._away, *each), self._away, *arguments)
         halo.start()
-        launch(kernel, (self._away, *each), *arguments)
+        if self._away:
+            launch(kernel, (self._away, *each), 0, *arguments)
         halo.wait()
-
-    def _behind(self, argument: Any) -> Any:
-        """An argument of a kernel as it is for the groups behind the first ones."""
-        is_table = isinstance(argument, wp.array) and argument.ndim > 1
-        on_elements = is_table and argument.shape[0] >= self._groups
-        if not (on_elements or hasattr(argument, "cls")):
-            return argument
-        if id(argument) in self._known:
-            return self._known[id(argument)][1]
-        if len(self._known) >= REMEMBERED:
-            self._known.clear()
-        other = argument[self._away :] if is_table else self._cut(argument)
-        self._known[id(argument)] = argument, other
-        return other
-
-    def _cut(self, argument: Any) -> Any:
-        """Return a structure of arguments as it is for the groups behind the first ones."""
-        other = type(argument)()
-        for name in argument.cls.__annotations__:
-            value = getattr(argument, name)
-            whole = name == "whole"  # groups from the first on
-            setattr(other, name, max(value - self._away, 0) if whole else self._behind(value))
-        return other

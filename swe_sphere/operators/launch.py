@@ -9,9 +9,11 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from swe_sphere.compiling import compiling
 from swe_sphere.errors import ConfigError
@@ -20,6 +22,38 @@ from swe_sphere.kernels.simd.shared_lines import block_threads
 from swe_sphere.ranks.communicator import Communicator
 
 REMEMBERED = 512
+
+
+class Span(NamedTuple):
+    """Numbers of nodes that launches share, and where each strip of the mesh begins among them."""
+
+    begin: int
+    end: int
+    starts: NDArray[np.integer] | None = None
+    """(strips + 1,); None: the mesh is not cut into strips."""
+
+    def cut(self, begin: int, end: int, step: int, field: int = 0) -> "Cuts | None":
+        """Cut a launch over the nodes from `begin` to `end`, `step` for each thread.
+
+        field: number that the first argument of the kernel counts from.
+        """
+        if self.starts is None:
+            return None
+        return Cuts((self.starts.clip(begin, end) - begin) // step, field + begin, step, 0)
+
+
+class Cuts(NamedTuple):
+    """How the threads of a launch belong to strips of the mesh, see `strips.py`."""
+
+    starts: NDArray[np.integer]
+    """(strips + 1,) first thread of each strip."""
+    begin: int
+    """First argument of the kernel in the whole launch."""
+    step: int
+    """By how much that argument grows from thread to thread."""
+    reach: int
+    """How many strips a launch over elements reads ahead; 0 for one over nodes."""
+
 
 TEMPLATES = "-fpch-instantiate-templates"
 """Flag of Clang for compiled headers."""
@@ -46,6 +80,8 @@ class Launcher:
         """Wall time spent compiling or loading kernels [s]."""
         self.records = True
         """True if repeated launches are recorded and launched as a whole, see `Replay`."""
+        self.defer: Callable[[tuple[Any, ...], Cuts], None] | None = None
+        """Takes launches over strips in the place of the device, while they are recorded."""
         self._block_dim = 1 if wp.get_device(device).is_cpu else block_threads(nodes)
         # with the arguments, so that no other array or structure takes a remembered place in memory
         self._commands: dict[tuple[object, ...], tuple[Any, tuple[Any, ...]]] = {}
@@ -82,8 +118,10 @@ class Launcher:
     def _load(self, module: Any) -> None:
         module.load(self.device, block_dim=self._block_dim)
 
-    def __call__(self, kernel: Any, dim: int | tuple[int, ...], *arguments: Any) -> None:
-        """Run the kernel over `dim` threads."""
+    def __call__(
+        self, kernel: Any, dim: int | tuple[int, ...], *arguments: Any, cuts: Cuts | None = None
+    ) -> None:
+        """Run the kernel over `dim` threads, which may be cut into strips."""
         key = (id(kernel), dim, *map(_identity, arguments))
         known = self._commands.get(key)
         if known is None:
@@ -94,7 +132,10 @@ class Launcher:
                 block_dim=self._block_dim,
             )  # fmt: skip
             known = self._commands[key] = command, (kernel, *arguments)
-        known[0].launch()
+        if cuts is None or self.defer is None:
+            known[0].launch()
+        else:
+            self.defer(known, cuts)
 
     @contextmanager
     def one_by_one(self) -> Iterator[None]:
@@ -113,8 +154,8 @@ class Launcher:
 def warp_internals() -> Any | None:
     """Return Warp's module `context`; None where its private methods are not those used here.
 
-    With another Warp each process compiles Warp's headers, and a kernel counts as compiled whatever
-    processor it was compiled for; results are the same.
+    With another Warp each process compiles Warp's headers, a kernel counts as compiled whatever
+    processor it was compiled for, and launches do not run strip by strip; results are the same.
     """
     try:
         from warp._src import context
@@ -122,6 +163,7 @@ def warp_internals() -> Any | None:
         wp.init()
         if context.runtime.llvm is not None:
             context.runtime.llvm.wp_get_host_cpu_features  # noqa: B018 - is it there?
+        context.runtime.core.wp_apic_get_operation_count  # noqa: B018 - likewise
         headers = inspect.signature(context.Runtime.get_clang_pch_dir).parameters
         compiled = inspect.signature(getattr(context.Module, OBJECT)).parameters
     except (ImportError, AttributeError):
@@ -159,18 +201,22 @@ def _identity(argument: Any) -> object:
 
 
 def in_runs(
-    launch: Launcher, kernel: Any, real: Any, lanes: int, begin: int, end: int
+    launch: Launcher, kernel: Any, real: Any, lanes: int, *spans: Span
 ) -> list[Callable[..., None]]:
-    """Return the launches of kernels that share the numbers from `begin` to `end`.
+    """Return the launches of kernels that share the numbers in the spans.
 
     Threads of the kernel take `lanes` numbers, and one each of those that are left over.  Its first
     argument is its first number; the launches take the others.
     """
-    whole = begin + (end - begin) // lanes * lanes
-    spans = (lanes, begin, whole), (1, whole, end)
-    runs = [(specialise(kernel, Register(real, n)), (b - a) // n, a) for n, a, b in spans if a < b]
-    launch.load(*(made for made, _, _ in runs))
-    return [functools.partial(launch, *run) for run in runs]
+    runs = []
+    for span in spans:
+        whole = span.begin + (span.end - span.begin) // lanes * lanes
+        for n, a, b in (lanes, span.begin, whole), (1, whole, span.end):
+            if a < b:
+                made = specialise(kernel, Register(real, n)), (b - a) // n, a
+                runs.append(functools.partial(launch, *made, cuts=span.cut(a, b, n)))
+    launch.load(*(run.args[0] for run in runs))
+    return [*runs]
 
 
 def find_device(name: str, local: int = 0) -> str:

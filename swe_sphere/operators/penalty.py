@@ -45,7 +45,7 @@ class EdgePenaltyOperator:
         transposed = mesh.upload(np.ascontiguousarray(mesh.mesh.derivative.T))
         self._geometry = mesh.geometry(types.geometry, given)
         self._transposed = mesh.geometry(types.geometry, given | {"derivative": transposed})
-        self._sums = in_runs(launch, assemble_blocks, mesh.real, mesh.lanes, 0, mesh.size)
+        self._sums = in_runs(launch, assemble_blocks, mesh.real, mesh.lanes, *mesh.spans())
 
     def __call__(self, x: wp.array, factor: float, out: wp.array) -> None:
         """Add `factor` times the penalty of the wind of x to the wind of `out`."""

@@ -7,7 +7,8 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.operators.launch import REMEMBERED, Launcher
+from swe_sphere.operators.launch import REMEMBERED, Cuts, Launcher, warp_internals
+from swe_sphere.operators.strips import Wave
 
 Pieces = list[Callable[[], None]]
 """Sequence of graphs of launches, with host functions between them."""
@@ -58,7 +59,7 @@ class Replay:
         first, counted, pieces = key not in self._known, dict(self._counters), Pieces()
         if first and len(self._known) >= REMEMBERED:
             self._known.clear()
-        capture = nullcontext() if first else _captured(self._launch.device, pieces)
+        capture = nullcontext() if first else _captured(self._launch, pieces)
         with self._launch.one_by_one(), capture:
             yield
         added = {name: n - counted.get(name, 0) for name, n in self._counters.items()}
@@ -89,9 +90,12 @@ def between(device: str, function: Callable[[], None]) -> None:
 
 
 @contextmanager
-def _captured(device: str, pieces: Pieces) -> Iterator[None]:
+def _captured(launch: Launcher, pieces: Pieces) -> Iterator[None]:
     """Put the launches of the block into `pieces` instead of making them."""
+    device = launch.device
     _OPEN[device] = pieces
+    context = warp_internals()
+    launch.defer = None if context is None else partial(_defer, context.runtime, launch, pieces)
     wp.capture_begin(device, force_module_load=False)
     try:
         yield
@@ -101,7 +105,18 @@ def _captured(device: str, pieces: Pieces) -> Iterator[None]:
             _end(device)
         raise
     finally:
+        launch.defer = None
         del _OPEN[device]
+
+
+def _defer(warp: Any, launch: Launcher, pieces: Pieces, known: tuple[Any, ...], cuts: Cuts) -> None:
+    """Put a launch over strips into the wave of those before it, if nothing is between them."""
+    wave = pieces[-1] if pieces else None
+    others = warp.core.wp_apic_get_operation_count(warp._apic_capture.apic_state)
+    if others or not isinstance(wave, Wave):
+        wave = Wave(launch)
+        between(launch.device, wave)
+    wave.add(known, cuts)
 
 
 def _end(device: str) -> Callable[[], None]:

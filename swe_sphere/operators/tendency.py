@@ -44,7 +44,7 @@ class TendencyOperator:
         self._turned = self.geometry.base if terms.poisson else None
         self.local, self._places = mesh.scratch(unknowns, types.value), mesh.places(unknowns)
         lanes, begin = (mesh.lanes, mesh.inner) if direct else (1, 0)
-        self._sums = in_runs(launch, assembly, mesh.real, lanes, begin, mesh.size)
+        self._sums = in_runs(launch, assembly, mesh.real, lanes, *mesh.spans(begin))
         """DSS of what elements have not finished, as many nodes at once as a register holds."""
         self.kernels = [self._kernel, specialise(assembly, mesh.real), *self._fluxes]
         """The kernels of one node or one group of elements a thread."""

@@ -25,7 +25,7 @@ class TracerTransport:
         self._kernel, self._tangent = (
             field_kernel(types, transport(tangent)) for tangent in (False, True)
         )
-        self._sums = in_runs(launch, assemble_blocks, mesh.real, mesh.lanes, 0, mesh.size)
+        self._sums = in_runs(launch, assemble_blocks, mesh.real, mesh.lanes, *mesh.spans())
         self._geometry = mesh.geometry(types.geometry)
         self._local, self._places = mesh.scratch(count, types.value), mesh.places(count)
         launch.load(self._kernel)
@@ -101,7 +101,7 @@ class Limiter:
         self._mesh, self._launch, self._count = mesh, launch, lower.size
         self._offsets = (depth, first)
         self._bounds = (mesh.upload(lower), mesh.upload(upper))
-        types, run = mesh.types(), (mesh.real, mesh.lanes, 0, mesh.size)
+        types, run = mesh.types(), (mesh.real, mesh.lanes, *mesh.spans())
         self._inside, self._sums, self._parts = launch.compile(
             types, limit_elements, sum_rooms, fill_rooms
         )

@@ -147,7 +147,7 @@ class Loop:
         is_asked = False
         try:
             while True:
-                is_asked = self._step()
+                is_asked = self._step(stop - sim.steps)
                 self._tick(time.monotonic())
                 if is_asked or sim.steps >= stop or (is_asked := self._is_asked_to_stop()):
                     break
@@ -158,11 +158,14 @@ class Loop:
             sim.wall_seconds += elapsed - (model.compile_seconds - compiled)
             sim.cpu_seconds += self._cpu_seconds() - worked
 
-    def _step(self) -> bool:
-        """Take a step; where a long one is given up, return True, with the state before it."""
+    def _step(self, most: int) -> bool:
+        """Take a step, or up to `most` steps at once.
+
+        Where a long step is given up, return True, with the state before it.
+        """
         stepper = self.sim.stepper
         if not stepper.can_give_up:
-            stepper.step()
+            stepper.take(most)
             return False
         kept, steps = stepper.state_dict(), stepper.steps
         token = stop_is_asked.set(self._is_asked_to_stop)

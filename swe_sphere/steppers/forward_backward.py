@@ -60,6 +60,7 @@ class ForwardBackward(SplitExplicit):
     diffusion_steps = 1
     diffusion_order = 1
     repeats_from: ClassVar[int] = 2
+    at_once = 2
     style = ("#080123", (9, 1, 0))
     waves: ClassVar[Triple] = (1 / 5, 1 / 3, 3 / 20)
     """The wind, mass and gamma of `level_weights`."""

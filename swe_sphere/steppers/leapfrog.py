@@ -30,6 +30,7 @@ class Leapfrog(Stepper):
     diffusion_steps = 2
     holds_damping = True
     repeats_from = 1
+    at_once = 2
     reach = 2.0
     style = ("#D55E00", "s")
 
@@ -71,7 +72,9 @@ class Leapfrog(Stepper):
         if self.diffusion is not None:
             self.diffusion.join(self.previous, slope)
         change, tau = self._solve()
-        model.launch(self._kernel, size, self.previous, self.state, change, tau, *self._filter)
+        model.device_mesh.launch_over_fields(
+            model.launch, self._kernel, size, self.previous, self.state, change, tau, *self._filter
+        )
 
     def _add_waves(self) -> None:
         """Add to the slope what implicit waves change of it."""

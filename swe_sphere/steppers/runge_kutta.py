@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels import Register
 from swe_sphere.kernels.simd.stages import mix
+from swe_sphere.operators.launch import in_runs
 from swe_sphere.steppers.stability import (
     Complex,
     check_order,
@@ -44,9 +44,7 @@ class RungeKutta(Stepper):
         levels = [*(stack[i] for i in range(len(self.a))), self.state]
         offsets = dt * np.array([0.0, *(sum(row) for row in self.a)])
         mesh, point, mixed, alone = model.device_mesh, self.state, model.zeros(), len(self.b) == 1
-        lanes = mesh.lanes if model.size >= mesh.lanes else 1
-        (self._mix,) = model.launch.compile(Register(mesh.real, lanes), mix)
-        self._dim = -(-model.size // lanes)
+        self._mix = in_runs(model.launch, mix, mesh.real, mesh.lanes, *mesh.spans())
         self._stages: list[tuple[Any, ...]] = []
         """Of each stage level = start + dt share K(point, offset): the terms of the sum of levels
         before it in `start`, `start`, the right-hand side, `point`, `offset` and `level`."""
@@ -62,10 +60,11 @@ class RungeKutta(Stepper):
             point = level if share else start
 
     def advance(self) -> None:
-        launch, size = self.model.launch, self.model.size
+        size, fields = self.model.device_mesh.size, len(self.model.names)
         for terms, start, rhs, point, offset, level in self._stages:
             if terms is not None:  # start = x + sum_k w_k (level_k - x)
-                launch(self._mix, self._dim, size, self.state, *terms, start)
+                for mixed in self._mix:
+                    mixed(size, fields, self.state, *terms, start)
             rhs(point, self.time + offset, level)
 
     @classmethod

@@ -13,7 +13,7 @@ import warp as wp
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.simd.stages import diffusive_stage
-from swe_sphere.operators.launch import in_runs
+from swe_sphere.operators.launch import Span, in_runs
 from swe_sphere.operators.replay import Replay
 
 REACH = 0.75
@@ -64,7 +64,7 @@ class Diffusion:
         self._first, self._rate, self._stage = (model.zeros() for _ in range(3))
         self._changes = model.zeros(), model.zeros()
         mesh = model.device_mesh
-        run = mesh.real, mesh.lanes, 0, model.size
+        run = mesh.real, mesh.lanes, Span(0, model.size)
         self._combinations = in_runs(model.launch, diffusive_stage, *run)
         self._replay = Replay(model.launch)
 

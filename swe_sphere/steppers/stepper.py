@@ -2,7 +2,7 @@
 
 import tomllib
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import nullcontext
 from fractions import Fraction
 from importlib.resources import files
@@ -94,6 +94,10 @@ class Trajectory:
         """Move `state` forward."""
         raise NotImplementedError
 
+    def take(self, most: int) -> None:
+        """Take a step, or several that are faster together, `most` of them at most."""
+        self.step()
+
     def costs(self) -> dict[str, float]:
         """Counts of the steps so far, and seconds where the name says so."""
         return dict(self.counters) | ({} if self.solver is None else self.solver.costs())
@@ -158,6 +162,8 @@ class Stepper(Trajectory, ABC):
     """The step from which on `advance` launches the same kernels on arrays that `swap` exchanges,
     with no other work, so that it can be recorded; None: never.  A class that defines `advance`
     does not inherit it."""
+    at_once: ClassVar[int] = 1
+    """Steps that are launched as a whole on large meshes, see `operators/strips.py`."""
     safety: ClassVar[float] = 0.85
     """Part of the stability limit that an automatic step uses: winds grow during a run."""
     courant: ClassVar[float] = 2.0
@@ -237,6 +243,26 @@ class Stepper(Trajectory, ABC):
             if limiter is not None:
                 limiter(self.state)
         self.steps += 1
+
+    def take(self, most: int) -> None:
+        repeats = type(self._replay) is Replay and self.steps >= (self.repeats_from or 0)
+        alone = self._apart is None and self.model.limiter is None
+        is_cut = self.model.device_mesh.strips is not None
+        if not (repeats and alone and is_cut and 1 < self.at_once <= most):
+            self.step()
+            return
+        assert self._replay is not None
+        swaps = iter(range(self.at_once))
+        with users_code():
+            self._replay((self.state.ptr, self.at_once), self._advance_all, swaps)
+        for _ in swaps:
+            self.swap()
+        self.steps += self.at_once
+
+    def _advance_all(self, swaps: Iterator[int]) -> None:
+        for _ in swaps:
+            self.advance()
+            self.swap()
 
     @abstractmethod
     def advance(self) -> None:

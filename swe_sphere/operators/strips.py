@@ -1,0 +1,86 @@
+"""Strips of a mesh: a launch reads what the one before it left while that is still in the cache.
+
+Nodes are numbered by the first element that touches them.  Strips of elements are computed from the
+last one to the first: the nodes that a strip is the first to touch are then complete with it, and
+they follow one another in memory.  Launches over elements and over nodes that follow one another
+run together, strip by strip.  A strip of elements reads nodes of strips up to `reach` further on.
+Each launch over elements therefore stays `reach` strips behind the launch before it, and a launch
+over nodes follows at once.  At these distances no launch overwrites what an earlier launch has
+still to read, whatever arrays they share, so that results have the same bits.
+"""
+
+import ctypes
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from swe_sphere.kernels.simd.strips import sweep_strips
+from swe_sphere.mesh.cubed_sphere import BLOCK
+from swe_sphere.mesh.partition import Part
+from swe_sphere.operators.launch import Cuts, Launcher, Span
+
+REGISTERS = 384
+"""Nodes of the groups of elements in a strip: data of so many stay in the second-level cache, and
+longer runs of memory are read faster."""
+
+
+class Strips:
+    """The threads of each strip, in launches over groups of elements and over nodes."""
+
+    def __init__(self, part: Part, lanes: int) -> None:
+        """lanes: elements of a group, and the most nodes that a thread handles at once."""
+        elements, points = part.elements.size, part.node_of[0].size
+        width = -(-REGISTERS // points * lanes // BLOCK) * BLOCK
+        strip = (np.arange(elements) // width)[:, None, None]
+        numbers = np.arange(int(strip.max()) + 2)
+        first = np.full(part.nodes.size, numbers[-1])
+        np.minimum.at(first, part.node_of, strip)
+        ends = np.searchsorted(part.counts, [1, 2], side="right").tolist()
+        self.spans: list[Span] = []
+        """Nodes inside elements, on edges and at vertices."""
+        done = np.empty_like(first)
+        for begin, end in pairwise([0, *ends, part.nodes.size]):
+            starts = np.searchsorted(first[begin:end], numbers)
+            starts = np.minimum(begin + -(-starts // lanes) * lanes, end)
+            self.spans.append(Span(begin, end, starts))
+            done[begin:end] = np.searchsorted(starts, np.arange(begin, end), side="right") - 1
+        reach = int((strip - done[part.node_of]).max())
+        groups = -(-np.minimum(numbers * width, elements) // lanes)
+        self.groups = Cuts(groups, 0, 1, reach)
+
+
+class Wave:
+    """Launches that run together over the strips; see `sweep_strips` for its table."""
+
+    def __init__(self, launch: Launcher) -> None:
+        self._launch, self._rows, self._lag = launch, list[Any](), 0
+        self._command: Any = None
+        self._kept = list[Any]()
+        """All that the table refers to by address."""
+
+    def add(self, known: tuple[Any, ...], cuts: Cuts) -> None:
+        """Append a launch.  known: its command, and what must live as long as the command."""
+        command, *_ = known
+        bounds = type(command.bounds).from_buffer_copy(command.bounds)
+        values = command.params[1:]
+        members = [(f"argument_{i}", type(value)) for i, value in enumerate(values)]
+        arguments = type("Arguments", (ctypes.Structure,), {"_fields_": members})(*values)
+        starts = np.ascontiguousarray(cuts.starts, np.int32)
+        function = ctypes.cast(command.hooks.forward, ctypes.c_void_p).value
+        addresses = function, *map(ctypes.addressof, (bounds, arguments)), starts.ctypes.data
+        sizes = type(bounds).size.offset, bounds.size // bounds.shape[0]
+        self._lag += cuts.reach if self._rows else 0
+        self._rows.append((*addresses, cuts.begin, cuts.step, *sizes, self._lag))
+        self._kept.append((known, bounds, arguments, starts))
+
+    def __call__(self) -> None:
+        """Make the launches."""
+        if self._command is None:
+            (kernel,) = self._launch.compile(wp.float64, sweep_strips)
+            table = wp.array(np.array(self._rows, np.uint64), dtype=wp.uint64, device="cpu")
+            strips = self._kept[0][-1].size - 1
+            self._command = wp.launch(kernel, 1, [table, strips], device="cpu", record_cmd=True)
+            self._kept.append(table)
+        self._command.launch()

@@ -1,0 +1,150 @@
+"""Launches strip by strip: the same bits as one launch after the other, whatever they compute."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import warp as wp
+
+from swe_sphere import Mesh, Simulation
+from swe_sphere.equations.effects import EdgePenalty, Hyperviscosity, Tracers
+from swe_sphere.equations.model import Model
+from swe_sphere.mesh import partition
+from swe_sphere.operators import replay, strips
+from swe_sphere.steppers.stepper import STEPPERS
+from swe_sphere.testcases import get_scene
+
+EXPLICIT = [name for name, cls in STEPPERS.items() if cls.family == "explicit"]
+STEPS = 7
+
+
+@pytest.fixture(autouse=True)
+def narrow(monkeypatch):
+    """Strips as narrow as they can be, so that small meshes have several."""
+    monkeypatch.setattr(strips, "REGISTERS", 1)
+
+
+@pytest.fixture
+def waves(monkeypatch):
+    """The waves that are launched, with the number of their launches."""
+    seen, call = [], strips.Wave.__call__
+    monkeypatch.setattr(
+        strips.Wave, "__call__", lambda wave: (seen.append(len(wave._rows)), call(wave))[1]
+    )
+    return seen
+
+
+def moved(monkeypatch, mesh, scene, name, in_rings, most=STEPS, **options):
+    """All fields, in the order of the mesh, after some steps."""
+    monkeypatch.setattr(partition, "RINGED", 0 if in_rings else 10**9)
+    model = Model(mesh, scene, **options)
+    assert (model.device_mesh.strips is not None) == in_rings
+    stepper = STEPPERS[name](model, 20.0)
+    stepper.start(model.initial_state())
+    while stepper.steps < STEPS:
+        stepper.take(min(most, STEPS - stepper.steps))
+    return model.fields(stepper.state)
+
+
+def check(monkeypatch, *case, **options):
+    plain = moved(monkeypatch, *case, in_rings=False, **options)
+    cut = moved(monkeypatch, *case, in_rings=True, **options)
+    for name, values in plain.items():
+        assert np.isfinite(values).all()
+        np.testing.assert_array_equal(cut[name], values)
+
+
+@pytest.mark.parametrize("name", EXPLICIT)
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_explicit_steps_have_the_same_bits(monkeypatch, waves, name, precision):
+    """On a mesh whose elements do not fill whole groups."""
+    check(monkeypatch, Mesh.build(5, 4), get_scene("williamson5"), name, precision=precision)
+    assert waves
+
+
+@pytest.mark.parametrize("ne, points", [(1, 4), (1, 3), (2, 8), (3, 5), (7, 4), (9, 3), (2, 16)])
+@pytest.mark.parametrize("name", ["rk4", "forward-backward"])
+def test_meshes_of_all_shapes_have_the_same_bits(monkeypatch, ne, points, name):
+    mesh = Mesh.build(ne, points, stretch=3.0, centre=(120.0, 40.0))
+    check(monkeypatch, mesh, get_scene("williamson6"), name)
+
+
+def with_everything():
+    """Tracers with a limiter, hyperviscosity and the edge penalty."""
+    scene, bells = get_scene("williamson5"), get_scene("deformational").tracers
+    effects = Tracers(limiter=True), Hyperviscosity(1e16), EdgePenalty()
+    return replace(scene, effects=(*scene.effects, *effects), tracers=bells)
+
+
+@pytest.mark.parametrize("name", ["rk4", "leapfrog", "forward-backward", "fb-rk3", "mis2"])
+@pytest.mark.parametrize(
+    "scene", [with_everything, *map(get_scene, ("williamson4", "deformational"))]
+)
+def test_effects_and_tracers_have_the_same_bits(monkeypatch, name, scene):
+    scene = scene() if callable(scene) else scene
+    check(monkeypatch, Mesh.build(3, 4), scene, name)
+
+
+def test_a_step_of_rk4_is_one_wave(monkeypatch, waves):
+    moved(monkeypatch, Mesh.build(4, 4), get_scene("williamson5"), "rk4", in_rings=True)
+    assert len(waves) == STEPS - 1 and len({*waves}) == 1 and waves[0] > 3 * 4
+
+
+def test_several_steps_are_one_wave_if_nothing_is_due_between(monkeypatch, waves):
+    case = Mesh.build(4, 4), get_scene("williamson5"), "forward-backward"
+    moved(monkeypatch, *case, in_rings=True, most=1)
+    alone = waves[-1]
+    moved(monkeypatch, *case, in_rings=True)
+    assert STEPPERS["forward-backward"].at_once * alone in waves
+
+
+def test_launches_that_are_not_cut_stay_in_their_place(monkeypatch, waves):
+    """A copy between two launches separates two waves."""
+    monkeypatch.setattr(partition, "RINGED", 0)
+    model = Model(Mesh.build(3, 4), get_scene("williamson5"))
+    x, once, twice = model.initial_state(), model.zeros(), model.zeros()
+    repeated = replay.Replay(model.launch)
+
+    def block():
+        model.tendency(x, 0.0, once)
+        wp.copy(twice, once)
+        model.tendency(twice, 0.0, once)
+
+    found = []
+    for _ in range(3):
+        repeated("key", block)
+        found.append((once.numpy().copy(), twice.numpy().copy()))
+    assert len(waves) == 2 * 2
+    for values in found[1:]:
+        np.testing.assert_array_equal(values, found[0])
+
+
+def test_reach_covers_all_nodes_of_a_strip(monkeypatch):
+    """No strip reads a node that is complete only `reach` strips later, or more."""
+    monkeypatch.setattr(partition, "RINGED", 0)
+    for ne in (1, 4, 7):
+        mesh = Model(Mesh.build(ne, 4), get_scene("williamson5")).device_mesh
+        cuts, node_of = mesh.strips.groups, mesh.part.node_of
+        done = np.empty(mesh.size, int)
+        for begin, end, starts in mesh.strips.spans:
+            done[begin:end] = np.searchsorted(starts, np.arange(begin, end), "right") - 1
+        group = np.arange(mesh.elements) // mesh.lanes
+        strip = np.searchsorted(cuts.starts, group, "right") - 1
+        ahead = strip[:, None, None] - done[node_of]
+        assert ahead.min() >= 0 and ahead.max() == cuts.reach
+
+
+def test_checkpoints_do_not_depend_on_the_order(monkeypatch, tmp_path):
+    """A run that stopped in one order resumes in the other, with the same bits."""
+    final = []
+    for first, second in ((0, 10**9), (10**9, 0), (0, 0)):
+        monkeypatch.setattr(partition, "RINGED", first)
+        half = Simulation("williamson5", stepper="forward-backward", ne=3, np=4, days=0.25, dt=600)
+        half.run()
+        path = half.checkpoint(tmp_path / f"{first}_{second}.npz")
+        monkeypatch.setattr(partition, "RINGED", second)
+        whole = Simulation.from_checkpoint(path)
+        whole.run(days=0.5)
+        final.append(whole.state)
+    for other in final[1:]:
+        assert other.drop_attrs().identical(final[0].drop_attrs())
