@@ -116,9 +116,9 @@ def recorded(model: Model) -> list[tuple[Any, int, tuple[Any, ...]]]:
     launches: list[tuple[Any, int, tuple[Any, ...]]] = []
     launch = Launcher.__call__
 
-    def record(self: Launcher, kernel: Any, dim: Any, *arguments: Any) -> None:
+    def record(self: Launcher, kernel: Any, dim: Any, *arguments: Any, **cuts: Any) -> None:
         launches.append((kernel, int(np.prod(dim)), arguments))
-        launch(self, kernel, dim, *arguments)
+        launch(self, kernel, dim, *arguments, **cuts)
 
     Launcher.__call__ = record  # type: ignore[method-assign]
     try:

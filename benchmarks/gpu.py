@@ -176,9 +176,9 @@ def _prediction(precision: str, np: int, stepper: str) -> Iterator[str]:
     launches: list[tuple[wp.Kernel, Any, tuple[Any, ...]]] = []
     plain = Launcher.__call__
 
-    def seen(self: Launcher, kernel: wp.Kernel, dim: Any, *arguments: Any) -> None:
+    def seen(self: Launcher, kernel: wp.Kernel, dim: Any, *arguments: Any, **cuts: Any) -> None:
         launches.append((kernel, dim, arguments))
-        plain(self, kernel, dim, *arguments)
+        plain(self, kernel, dim, *arguments, **cuts)
 
     with patch.object(Launcher, "__call__", seen):
         sim.stepper.step()

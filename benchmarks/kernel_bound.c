@@ -3,15 +3,26 @@
 #include <stddef.h>
 #include <string.h>
 
-typedef REAL V __attribute__((vector_size(64)));
-typedef REAL U __attribute__((vector_size(64), aligned(sizeof(REAL))));
+/* A register of the processor; the arrays hold groups of 64 bytes. */
+#ifdef __AVX512F__
+#define BYTES 64
+#else
+#define BYTES 32
+#endif
+typedef REAL V __attribute__((vector_size(BYTES)));
+typedef REAL U __attribute__((vector_size(BYTES), aligned(sizeof(REAL))));
 #define L ((int)(64 / sizeof(REAL)))
+#define H ((int)(BYTES / sizeof(REAL)))
+#define S (64 / BYTES)
 #define P (NP * NP)
 
-static inline V load(const REAL *x, const int *at) {
-  if (at[0] < 0) return *(const U *)(x + ~at[0]);
+int register_bytes(void) { return BYTES; }
+
+/* Numbers of x at the nodes of a register: the part of a group from its `begin` on. */
+static inline V load(const REAL *x, const int *at, int begin) {
+  if (at[0] < 0) return *(const U *)(x + ~at[0] + begin);
   V r;
-  for (int l = 0; l < L; l++) r[l] = x[at[l]];
+  for (int l = 0; l < H; l++) r[l] = x[at[begin + l]];
   return r;
 }
 
@@ -22,26 +33,27 @@ void element(int groups, int whole, size_t n, const int *nodes, const V *basis, 
   REAL D[NP][NP], W[NP][NP];
   memcpy(D, d, sizeof D);
   memcpy(W, w, sizeof W);
-  for (int e = 0; e < groups; e++) {
-    const V *b = basis + (size_t)e * P * 4;
+  for (int part = 0; part < groups * S; part++) {
+    int e = part / S, q = part % S, h0 = q * H;
+    const V *b = basis + (size_t)e * P * 4 * S + q;
     const int *at = nodes + (size_t)e * P * L;
     for (int i = 0; i < NP; i++)
-      for (int j = 0; j < NP; j++, b += 4, at += L) {
-        V u = load(x, at), v = load(x + n, at), h = load(x + 2 * n, at);
+      for (int j = 0; j < NP; j++, b += 4 * S, at += L) {
+        V u = load(x, at, h0), v = load(x + n, at, h0), h = load(x + 2 * n, at, h0);
         V fu = h * u, fv = h * v;
         us[i][j] = u;
         vs[i][j] = v;
-        s[i][j] = (REAL)0.5 * (u * u + v * v) + *g * (h + load(bottom, at));
-        f1[i][j] = fu * b[3] - fv * b[2];
-        f2[i][j] = b[0] * fv - b[1] * fu;
-        c1[i][j] = b[2] * u + b[3] * v;
-        c2[i][j] = b[0] * u + b[1] * v;
+        s[i][j] = (REAL)0.5 * (u * u + v * v) + *g * (h + load(bottom, at, h0));
+        f1[i][j] = fu * b[3 * S] - fv * b[2 * S];
+        f2[i][j] = b[0] * fv - b[S] * fu;
+        c1[i][j] = b[2 * S] * u + b[3 * S] * v;
+        c2[i][j] = b[0] * u + b[S] * v;
       }
-    b -= 4 * P;
+    b -= 4 * S * P;
     at -= L * P;
-    V *o = local + (size_t)e * P * 3;
+    V *o = local + (size_t)e * P * 3 * S + q;
     for (int i = 0; i < NP; i++)
-      for (int j = 0; j < NP; j++, b += 4, at += L, o += 3) {
+      for (int j = 0; j < NP; j++, b += 4 * S, at += L, o += 3 * S) {
         V s1 = {0}, s2 = {0}, div = {0}, zeta = {0};
 #pragma GCC unroll 16
         for (int m = 0; m < NP; m++) {
@@ -50,19 +62,19 @@ void element(int groups, int whole, size_t n, const int *nodes, const V *basis, 
           div += D[i][m] * f1[m][j] + D[j][m] * f2[i][m];
           zeta += D[i][m] * c1[m][j] - D[j][m] * c2[i][m];
         }
-        V ru = W[i][j] * (zeta * vs[i][j] - (s1 * b[3] - s2 * b[1]));
-        V rv = W[i][j] * ((b[2] * s1 - b[0] * s2) - zeta * us[i][j]);
+        V ru = W[i][j] * (zeta * vs[i][j] - (s1 * b[3 * S] - s2 * b[S]));
+        V rv = W[i][j] * ((b[2 * S] * s1 - b[0] * s2) - zeta * us[i][j]);
         V rh = -W[i][j] * div;
         if (e < whole && i > 0 && i < NP - 1 && j > 0 && j < NP - 1) {
-          size_t first = ~at[0];
+          size_t first = ~at[0] + h0;
           V a = *(const U *)(scale + first), f = *(const U *)(coriolis + first);
           *(U *)(out + first) = a * ru + f * vs[i][j];
           *(U *)(out + n + first) = a * rv - f * us[i][j];
           *(U *)(out + 2 * n + first) = a * rh;
         } else {
           o[0] = ru;
-          o[1] = rv;
-          o[2] = rh;
+          o[S] = rv;
+          o[2 * S] = rh;
         }
       }
   }

@@ -1,9 +1,12 @@
 """Kernels beside C by hand and beside what the machine can do, in ns an element node, on one core.
 
     python benchmarks/kernel_bound.py [--rounds 400] [--write docs]
+    python benchmarks/kernel_bound.py --large [--rounds 20] [--write docs]
 
-All cases of one np and precision are evaluated in turn, one call each, so that a busy moment meets
-all of them.  Meshes have about 25 000 element nodes, whose arrays fit into the last cache.
+All cases of one mesh and precision are evaluated in turn, one call each, so that a busy moment
+meets all of them.  Meshes have about 25 000 element nodes, whose arrays fit into the last cache;
+with --large np is 4 and meshes grow from there to a hundred times the size of the second-level
+cache.  Each form replaces its own table in the page.
 """
 
 from __future__ import annotations
@@ -44,6 +47,8 @@ SOURCE = Path(__file__).with_suffix(".c")
 PARTS = ("local", "DSS", "whole", "stage")
 COPIED = 2 << 20
 """Bytes of a copy: in the last cache, as the arrays of a mesh."""
+LARGE = (16, 30, 60, 120)
+"""Elements along a face's edge with --large."""
 ROUNDS_OF_ARITHMETIC = 2000
 
 
@@ -51,6 +56,7 @@ ROUNDS_OF_ARITHMETIC = 2000
 class Case:
     """What was measured for one np and precision."""
 
+    ne: int
     np: int
     precision: str
     times: dict[tuple[str, str], list[float]]
@@ -90,9 +96,9 @@ def compile_bound(np_: int, precision: str, folder: str) -> ctypes.CDLL | None:
     return ctypes.CDLL(str(out))
 
 
-def measure(np_: int, precision: str, library: ctypes.CDLL | None, rounds: int) -> Case:
+def measure(ne: int, np_: int, precision: str, library: ctypes.CDLL | None, rounds: int) -> Case:
     """All parts of both, in turn."""
-    mesh = Mesh.build(ELEMENTS[np_], np_)
+    mesh = Mesh.build(ne, np_)
     model = Model(mesh, get_scene(SCENE), precision=precision)
     stepper = get_stepper("rk4")(model, 60.0)
     stepper.start(model.initial_state())
@@ -106,9 +112,11 @@ def measure(np_: int, precision: str, library: ctypes.CDLL | None, rounds: int) 
         for key, call in calls.items():
             times[key].append(_seconds(call) * 1e9 / mesh.nodes.size)
     times["Warp", "stage"] = [t / 4 for t in times["Warp", "stage"]]
-    case = Case(np_, precision, times, *counts(mesh, model.device_mesh.numpy_real.itemsize))
+    numbers = counts(mesh, model.device_mesh.numpy_real.itemsize)
+    case = Case(ne, np_, precision, times, *numbers)
     if library is not None:
-        case.bandwidth, case.peak = _machine_limits(library, case.precision, rounds)
+        copied = COPIED if ne == ELEMENTS[np_] else int(case.bytes * mesh.nodes.size)
+        case.bandwidth, case.peak = _machine_limits(library, case.precision, copied, rounds)
     return case
 
 
@@ -178,20 +186,22 @@ def _by_hand(model: Model, library: ctypes.CDLL) -> dict[str, Callable[[], objec
     return {"local": element, "DSS": dss, "whole": whole, "stage": with_stage}
 
 
-def _machine_limits(library: ctypes.CDLL, precision: str, rounds: int) -> tuple[float, float]:
-    source, target = np.ones(COPIED, np.uint8), np.ones(COPIED, np.uint8)
+def _machine_limits(
+    library: ctypes.CDLL, precision: str, copied: int, rounds: int
+) -> tuple[float, float]:
+    source, target = np.ones(copied, np.uint8), np.ones(copied, np.uint8)
     registers = np.ones(64 * 9, np.uint8)
     registers = registers[-registers.ctypes.data % 64 :]
-    chains = 8 * 64 // np.dtype(precision).itemsize
+    chains = 8 * library.register_bytes() // np.dtype(precision).itemsize
     ends = [ctypes.c_void_p(a.ctypes.data) for a in (source, target, registers)]
     moved = min(
-        _seconds(lambda: library.copy(ctypes.c_size_t(COPIED), *ends[:2])) for _ in range(rounds)
+        _seconds(lambda: library.copy(ctypes.c_size_t(copied), *ends[:2])) for _ in range(rounds)
     )
     done = min(
         _seconds(lambda: library.arithmetic(ctypes.c_size_t(ROUNDS_OF_ARITHMETIC), ends[2]))
         for _ in range(rounds)
     )
-    return 2 * COPIED / moved * 1e-9, 2 * chains * ROUNDS_OF_ARITHMETIC / done * 1e-9
+    return 2 * copied / moved * 1e-9, 2 * chains * ROUNDS_OF_ARITHMETIC / done * 1e-9
 
 
 def _seconds(call: Callable[[], object]) -> float:
@@ -205,6 +215,20 @@ def table(cases: list[Case]) -> str:
     head = ["np", "precision", *PARTS[:3], "median", "stage of rk4", "C: local", "DSS", "whole",
             "stage", "Warp / C", "bytes / copy", "operations / peak"]  # fmt: skip
     lines = [head, ["---"] * len(head), *(_row(case) for case in cases)]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def large_table(cases: list[Case]) -> str:
+    """Markdown: the least times of a right-hand side and of a quarter of a step of rk4."""
+    head = ["ne", "precision", "right-hand side", "stage of rk4", "over ne 16", "C: whole", "stage",
+            "bytes / copy"]  # fmt: skip
+    lines, first = [head, ["---"] * len(head)], {case.precision: case for case in reversed(cases)}
+    for case in cases:
+        stage, limit = case.least("Warp", "stage"), case.bytes / case.bandwidth
+        growth = stage / first[case.precision].least("Warp", "stage")
+        least = (case.least("C", part) for part in ("whole", "stage"))
+        numbers = case.least("Warp", "whole"), stage, growth, *least, limit
+        lines.append([str(case.ne), case.precision, *(f"{number:.2f}" for number in numbers)])
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
@@ -285,33 +309,61 @@ What the kernels do for it:
 Products and sums are not contracted: a node gets the same bits whichever kernel finishes it, and
 so on any number of ranks. Contracted sums along lines took the same time.
 """
+LARGE_PAGE = """
+## Large meshes
+
+np 4, in nanoseconds an element node; made by `python benchmarks/kernel_bound.py --large --write
+docs`: least of {rounds} calls of each made in turns. {machine}.
+
+{table}
+
+*over ne 16*: the stage over the one on ne 16. *bytes / copy*: every array of a right-hand side
+moved once, at the rate of a copy of as many bytes.
+
+What one launch leaves has left the caches before the next one reads it, if a mesh is large. From
+38 400 element nodes on (ne 20 at np 4) a CPU therefore runs launches strip by strip: a strip is a
+few hundred elements, whose nodes are summed up and stepped while they are in the cache. Elements
+stand in rings around the cube, each of which touches the two rings beside it only. So the stages of
+a step follow one another over the rings like waves: the second stage begins as soon as the first
+one is two rings ahead. A whole step of rk4, and two steps of `forward-backward` and `leapfrog`,
+pass through memory once, with the same bits as one launch after the other. A launch that needs all
+of the launch before it ends a wave: a limiter, a sum over the sphere, forcing that changes in time,
+messages between ranks (`operators/strips.py`).
+"""
 
 
 def main(
     rounds: Annotated[int, typer.Option(min=3, help="Calls of each.")] = 400,
     write: Annotated[Path | None, typer.Option(help="Folder for the page and picture.")] = None,
+    large: Annotated[bool, typer.Option("--large", help="Let meshes grow at np 4.")] = False,
 ) -> None:
     """Measure and print the table."""
     wp.config.log_level = wp.LOG_WARNING
     console, cases = Console(), []
     with TemporaryDirectory() as folder:
-        for np_ in ELEMENTS:
+        meshes = [(ne, 4) for ne in LARGE] if large else [(e, n) for n, e in ELEMENTS.items()]
+        for ne, np_ in meshes:
             for precision in PRECISIONS:
                 library = compile_bound(np_, precision, folder)
-                cases.append(measure(np_, precision, library, rounds))
-    found = table(cases)
+                cases.append(measure(ne, np_, precision, library, rounds))
+    found = large_table(cases) if large else table(cases)
     console.print(found, markup=False, soft_wrap=True)
     console.print(f"{machine()}; {rounds} calls of each in turn")
     if not cases[0].peak:
         console.print("No C compiler (cc or gcc) was found: the bound and the page are left out.")
+    elif write is not None and large:
+        page, _, _ = (write / "performance.md").read_text().partition("\n## Large meshes")
+        page += LARGE_PAGE.format(rounds=rounds, machine=machine(), table=found)
+        (write / "performance.md").write_text(page)
     elif write is not None:
+        _, heading, others = (write / "performance.md").read_text().partition("\n## Large meshes")
         draw(cases, write / "performance.svg")
         inner4, inner8 = (100 * 6 * (ELEMENTS[n] * (n - 2)) ** 2 / _size(n) for n in (4, 8))
         page = PAGE.format(
             scene=SCENE, flags=" ".join(FLAGS), rounds=rounds, machine=machine(), table=found,
             inner4=inner4, inner8=inner8,
         )  # fmt: skip
-        (write / "performance.md").write_text(page)
+        (write / "performance.md").write_text(page + heading + others)
 
 
 def _size(np_: int) -> int:

@@ -56,9 +56,9 @@ def each_launch(launch: Launcher) -> Iterator[list[tuple[Any, object, float]]]:
     made: list[tuple[Any, object, float]] = []
     plain = Launcher.__call__
 
-    def timed(launcher: Launcher, kernel: Any, dim: Any, *arguments: Any) -> None:
+    def timed(launcher: Launcher, kernel: Any, dim: Any, *arguments: Any, **cuts: Any) -> None:
         start = time.perf_counter()
-        plain(launcher, kernel, dim, *arguments)
+        plain(launcher, kernel, dim, *arguments, **cuts)
         if launcher is launch:
             made.append((kernel, dim, time.perf_counter() - start))
 

@@ -37,6 +37,8 @@ class Model(DiscreteScene):
 
     A state is a flat Warp array: N eastward winds, N northward winds [m s-1] and N depths [m], or
     the depths alone where the wind is prescribed; then the masses hq [m] of tracers, N of each.
+    Nodes stand in the order of `device_mesh`; `state_from` and `fields` take and return arrays in
+    the order of the mesh.
     `shape` chooses the launch shape of the kernels; by default one thread a group of elements on a
     CPU and one thread a node elsewhere.  comm: the ranks that share the mesh; by default there are
     none.

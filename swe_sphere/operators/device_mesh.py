@@ -270,7 +270,7 @@ class DeviceMesh:
         """Return the nodes from `begin` on: all at once, or those of each kind in strips."""
         if self.strips is None:
             return [Span(begin, self.size)]
-        return [s._replace(begin=max(s.begin, begin)) for s in self.strips.spans if s.end > begin]
+        return [Span(max(a, begin), b, s) for a, b, s in self.strips.spans if b > begin]
 
     def launch_over_fields(self, launch: Launcher, kernel: Any, numbers: int, *inputs: Any) -> None:
         """Launch a kernel, whose first argument is its first number, over fields (numbers,)."""

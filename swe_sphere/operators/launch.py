@@ -164,6 +164,7 @@ def warp_internals() -> Any | None:
         if context.runtime.llvm is not None:
             context.runtime.llvm.wp_get_host_cpu_features  # noqa: B018 - is it there?
         context.runtime.core.wp_apic_get_operation_count  # noqa: B018 - likewise
+        context.runtime.core.wp_apic_get_recording_state  # noqa: B018 - likewise
         headers = inspect.signature(context.Runtime.get_clang_pch_dir).parameters
         compiled = inspect.signature(getattr(context.Module, OBJECT)).parameters
     except (ImportError, AttributeError):

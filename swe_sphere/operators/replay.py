@@ -95,7 +95,9 @@ def _captured(launch: Launcher, pieces: Pieces) -> Iterator[None]:
     device = launch.device
     _OPEN[device] = pieces
     context = warp_internals()
-    launch.defer = None if context is None else partial(_defer, context.runtime, launch, pieces)
+    launch.defer = (
+        None if context is None else partial(_defer, context.runtime.core, launch, pieces)
+    )
     wp.capture_begin(device, force_module_load=False)
     try:
         yield
@@ -109,10 +111,10 @@ def _captured(launch: Launcher, pieces: Pieces) -> Iterator[None]:
         del _OPEN[device]
 
 
-def _defer(warp: Any, launch: Launcher, pieces: Pieces, known: tuple[Any, ...], cuts: Cuts) -> None:
+def _defer(core: Any, launch: Launcher, pieces: Pieces, known: tuple[Any, ...], cuts: Cuts) -> None:
     """Put a launch over strips into the wave of those before it, if nothing is between them."""
     wave = pieces[-1] if pieces else None
-    others = warp.core.wp_apic_get_operation_count(warp._apic_capture.apic_state)
+    others = core.wp_apic_get_operation_count(core.wp_apic_get_recording_state())
     if others or not isinstance(wave, Wave):
         wave = Wave(launch)
         between(launch.device, wave)
