@@ -205,9 +205,9 @@ def _machine_limits(
 
 
 def _seconds(call: Callable[[], object]) -> float:
-    start = time.perf_counter()
+    start = time.process_time()
     call()
-    return time.perf_counter() - start
+    return time.process_time() - start
 
 
 def table(cases: list[Case]) -> str:
@@ -312,7 +312,7 @@ so on any number of ranks. Contracted sums along lines took the same time.
 LARGE_PAGE = """
 ## Large meshes
 
-np 4, in nanoseconds an element node; made by `python benchmarks/kernel_bound.py --large --write
+np 4, in nanoseconds of CPU time an element node; made by `python benchmarks/kernel_bound.py --large --write
 docs`: least of {rounds} calls of each made in turns. {machine}.
 
 {table}

@@ -97,7 +97,7 @@ def test_every_element_and_every_node_is_counted_once(mesh, parts):
 
 def test_contributors_meet_in_the_order_of_the_whole_mesh(mesh, parts):
     """Numbered by their place in the mesh, and sent as ranks send them."""
-    points, everything = mesh.np**2, whole(mesh)
+    points, everything = mesh.np**2, whole(mesh, "node")
     own = [(p.elements[:, None] * points + np.arange(points)).ravel() for p in parts]
     expected = np.split(everything.contributors, np.cumsum(everything.counts)[:-1])
     for rank, part in enumerate(parts):

@@ -21,7 +21,7 @@ STEPS = 7
 @pytest.fixture(autouse=True)
 def narrow(monkeypatch):
     """Strips as narrow as they can be, so that small meshes have several."""
-    monkeypatch.setattr(strips, "REGISTERS", 1)
+    monkeypatch.setattr(strips, "NODES", 1)
 
 
 @pytest.fixture

@@ -115,7 +115,7 @@ def _defer(core: Any, launch: Launcher, pieces: Pieces, known: tuple[Any, ...], 
     """Put a launch over strips into the wave of those before it, if nothing is between them."""
     wave = pieces[-1] if pieces else None
     others = core.wp_apic_get_operation_count(core.wp_apic_get_recording_state())
-    if others or not isinstance(wave, Wave):
+    if others or not isinstance(wave, Wave) or not wave.fits(cuts):
         wave = Wave(launch)
         between(launch.device, wave)
     wave.add(known, cuts)

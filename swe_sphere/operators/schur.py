@@ -189,7 +189,7 @@ class SchurOperator:
         results = self._f1.values, self._f2.values, self._local.values
         arguments, last = (*arguments, *results), of_fluxes
         if not self._together:
-            self._launch(of_fluxes, *arguments)
+            self.launch(of_fluxes, self.dim, 0, self._geometry, *arguments)
             arguments, last = results, self._divergence
         self.mesh.sweep(self.launch, self._local)(last, self.dim, self._geometry, *arguments)
 

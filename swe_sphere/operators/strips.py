@@ -21,18 +21,22 @@ from swe_sphere.mesh.cubed_sphere import BLOCK
 from swe_sphere.mesh.partition import Part
 from swe_sphere.operators.launch import Cuts, Launcher, Span
 
-REGISTERS = 384
-"""Nodes of the groups of elements in a strip: data of so many stay in the second-level cache, and
-longer runs of memory are read faster."""
+NODES = 4096
+"""Element nodes of a strip: data of so many stay in the second-level cache, and longer runs of
+memory are read faster."""
 
 
 class Strips:
-    """The threads of each strip, in launches over groups of elements and over nodes."""
+    """The threads of each strip, in launches over groups of elements and over nodes.
+
+    Strips of elements and of nodes begin at multiples of BLOCK, with the same nodes in all number
+    types.
+    """
 
     def __init__(self, part: Part, lanes: int) -> None:
-        """lanes: elements of a group, and the most nodes that a thread handles at once."""
+        """lanes: elements of a group."""
         elements, points = part.elements.size, part.node_of[0].size
-        width = -(-REGISTERS // points * lanes // BLOCK) * BLOCK
+        width = -(-NODES // (points * BLOCK)) * BLOCK
         strip = (np.arange(elements) // width)[:, None, None]
         numbers = np.arange(int(strip.max()) + 2)
         first = np.full(part.nodes.size, numbers[-1])
@@ -43,7 +47,7 @@ class Strips:
         done = np.empty_like(first)
         for begin, end in pairwise([0, *ends, part.nodes.size]):
             starts = np.searchsorted(first[begin:end], numbers)
-            starts = np.minimum(begin + -(-starts // lanes) * lanes, end)
+            starts = np.minimum(begin + -(-starts // BLOCK) * BLOCK, end)
             self.spans.append(Span(begin, end, starts))
             done[begin:end] = np.searchsorted(starts, np.arange(begin, end), side="right") - 1
         reach = int((strip - done[part.node_of]).max())
@@ -57,8 +61,13 @@ class Wave:
     def __init__(self, launch: Launcher) -> None:
         self._launch, self._rows, self._lag = launch, list[Any](), 0
         self._command: Any = None
+        self._strips = 0
         self._kept = list[Any]()
         """All that the table refers to by address."""
+
+    def fits(self, cuts: Cuts) -> bool:
+        """Return whether a launch is cut into the same number of strips."""
+        return cuts.starts.size == self._strips + 1
 
     def add(self, known: tuple[Any, ...], cuts: Cuts) -> None:
         """Append a launch.  known: its command, and what must live as long as the command."""
@@ -68,6 +77,7 @@ class Wave:
         members = [(f"argument_{i}", type(value)) for i, value in enumerate(values)]
         arguments = type("Arguments", (ctypes.Structure,), {"_fields_": members})(*values)
         starts = np.ascontiguousarray(cuts.starts, np.int32)
+        self._strips = starts.size - 1
         function = ctypes.cast(command.hooks.forward, ctypes.c_void_p).value
         addresses = function, *map(ctypes.addressof, (bounds, arguments)), starts.ctypes.data
         sizes = type(bounds).size.offset, bounds.size // bounds.shape[0]
@@ -80,7 +90,7 @@ class Wave:
         if self._command is None:
             (kernel,) = self._launch.compile(wp.float64, sweep_strips)
             table = wp.array(np.array(self._rows, np.uint64), dtype=wp.uint64, device="cpu")
-            strips = self._kept[0][-1].size - 1
-            self._command = wp.launch(kernel, 1, [table, strips], device="cpu", record_cmd=True)
+            inputs = [table, self._strips]
+            self._command = wp.launch(kernel, 1, inputs, device="cpu", record_cmd=True)
             self._kept.append(table)
         self._command.launch()
