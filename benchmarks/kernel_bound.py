@@ -312,8 +312,8 @@ so on any number of ranks. Contracted sums along lines took the same time.
 LARGE_PAGE = """
 ## Large meshes
 
-np 4, in nanoseconds of CPU time an element node; made by `python benchmarks/kernel_bound.py --large --write
-docs`: least of {rounds} calls of each made in turns. {machine}.
+np 4, in nanoseconds of CPU time an element node; made by
+`python benchmarks/kernel_bound.py --large --write docs`: least of {rounds} calls of each made in turns. {machine}.
 
 {table}
 

@@ -253,13 +253,13 @@ class Stepper(Trajectory, ABC):
             return
         assert self._replay is not None
         swaps = iter(range(self.at_once))
-        with users_code():
-            self._replay((self.state.ptr, self.at_once), self._advance_all, swaps)
+        self._replay((self.state.ptr, self.at_once), self._advance_all, swaps)
         for _ in swaps:
             self.swap()
         self.steps += self.at_once
 
     def _advance_all(self, swaps: Iterator[int]) -> None:
+        """Take a step for each of the swaps, which are used up."""
         for _ in swaps:
             self.advance()
             self.swap()
