@@ -313,7 +313,8 @@ LARGE_PAGE = """
 ## Large meshes
 
 np 4, in nanoseconds of CPU time an element node; made by
-`python benchmarks/kernel_bound.py --large --write docs`: least of {rounds} calls of each made in turns. {machine}.
+`python benchmarks/kernel_bound.py --large --write docs`: least of {rounds} calls of each made in
+turns. {machine}.
 
 {table}
 
