@@ -327,6 +327,27 @@ def test_the_quick_form_does_not_replace_the_full_one(tmp_path, capsys) -> None:
     assert page.read_text() == "# Stability\n"
 
 
+def test_a_page_of_chosen_cases_replaces_only_a_page_of_the_same(tmp_path, capsys) -> None:
+    page = tmp_path / "page.md"
+    line = ["stress", "--quick", "--groups", "steady", "--steppers", "rk4", "--out", str(page)]
+    page.write_text("# Stability\n\nAll cases.\n")
+    with pytest.raises(SystemExit) as end:
+        main(line)
+    assert end.value.code == 2 and "holds other cases than the chosen" in capsys.readouterr().err
+    assert page.read_text() == "# Stability\n\nAll cases.\n"
+    page.unlink()
+    for _ in range(2):
+        with pytest.raises(SystemExit) as end:
+            main(line)
+        assert end.value.code == 0
+    capsys.readouterr()
+    before = page.read_bytes()
+    with pytest.raises(SystemExit) as end:
+        main([*line, "--resume"])
+    assert end.value.code == 2 and "is finished: leave resume out" in capsys.readouterr().err
+    assert page.read_bytes() == before
+
+
 def test_results_of_other_code_are_not_those_of_this_one(monkeypatch) -> None:
     case = find("beyond-limit-rk4")
     before = case.fingerprint

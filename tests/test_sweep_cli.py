@@ -224,7 +224,7 @@ def test_ctrl_c_keeps_the_runs_and_leaves_with_130(tmp_path):
     while time.monotonic() < end and not runs_of(tmp_path).records:
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
-    err = process.communicate(timeout=300)[1].replace(f"{COMPILING}\n", "")
+    err = process.communicate(timeout=300)[1].replace(f"swe-sphere: {COMPILING}\n", "")
     assert process.returncode == 130 and err.count("\n") == 1
     assert err.startswith("swe-sphere: interrupted by Ctrl-C; ") and "goes on from there" in err
     assert runs_of(tmp_path).records and (tmp_path / "sweep.nc").exists()

@@ -97,17 +97,21 @@ def _run(
     checked_jobs(jobs)
     if resume and out is None:
         raise ConfigError("resume: say what to go on with (--out), or leave it out")
-    file = None if out is None else _page_file(out, folder, context.params["quick"])
+    command = shlex.join(["swe-sphere", *(word for word in context.obj if word != "--resume")])
+    chosen = any(context.params.get(name) for name in ("scenes", "groups", "steppers"))
+    quick = context.params["quick"]
+    file = None if out is None else _page_file(out, folder, quick, command if chosen else "")
     store = None if file is None else Store(file.with_suffix(".runs"), Measure)
     known = store.records if store and resume else ()
     try:
         with nullcontext() if store is None else store.unfinished():
+            if file is not None and resume and file.exists() and not known:
+                raise ConfigError(f"resume: {file} is finished: leave resume out to measure again")
             found = run_cases(cases, [*known], store, jobs, None if as_json else show_line)
             rows = list(found if as_json else _shown(found))
             result = finite(describe(rows))
             if file is not None:
-                words = [word for word in context.obj if word != "--resume"]
-                write_whole(file, page(folder, rows, shlex.join(["swe-sphere", *words])))
+                write_whole(file, page(folder, rows, command))
                 text = json.dumps(result, indent=1, ensure_ascii=False)
                 write_whole(file.with_suffix(".json"), text + "\n")
     except Interrupted as error:
@@ -119,8 +123,11 @@ def _run(
     return 1 if counts["failed"] else 0
 
 
-def _page_file(out: Path, folder: str, quick: bool) -> Path:
-    """Return the file of the page, checked before anything is run."""
+def _page_file(out: Path, folder: str, quick: bool, command: str) -> Path:
+    """Return the file of the page, checked before anything is run.
+
+    command: the command line of a page of chosen cases, which replaces no page of others.
+    """
     from swe_sphere.studies.pages import check_page
 
     file = out if out.suffix == ".md" else out / f"{folder}.md"
@@ -132,6 +139,8 @@ def _page_file(out: Path, folder: str, quick: bool) -> Path:
         raise ConfigError(f"out: {numbers} is of another page, and would be replaced: move it away")
     if quick and numbers.exists() and '"quick": true' not in numbers.read_text():
         raise ConfigError(f"out: {numbers} is of the full form: choose another name")
+    if command and file.exists() and command not in file.read_text("utf-8"):
+        raise ConfigError(f"out: {file} holds other cases than the chosen ones: take another name")
     return file
 
 

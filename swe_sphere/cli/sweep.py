@@ -159,7 +159,7 @@ def _watched(title: str, quiet: bool, interrupted: str) -> Iterator[SweepWatcher
     """Show how a sweep in the block goes; Ctrl-C stops the command with that text."""
     terminal = SweepWatcher(title, quiet)
     try:
-        with closing(terminal), on_compile(lambda: terminal.note(COMPILING)):
+        with closing(terminal), on_compile(lambda: terminal.note(f"swe-sphere: {COMPILING}")):
             yield terminal
     except (Interrupted, KeyboardInterrupt):
         raise Interrupted(interrupted) from None
