@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -14,12 +15,19 @@ from support import advance, make_scene, random_state, relative, tangent, tenden
 from test_generated_code import code_of
 
 from swe_sphere.cli.main import main
-from swe_sphere.equations.effects import Drag, PointwiseEffect, Relaxation
+from swe_sphere.equations.effects import (
+    Drag,
+    EdgePenalty,
+    PointwiseEffect,
+    Relaxation,
+    Viscosity,
+)
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import apply_settings
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.restart import run_sources
+from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.testcases import get_scene
 
 MESH = Mesh.build(2, 4)
@@ -378,3 +386,40 @@ def test_a_function_that_calls_itself_is_told_in_a_line() -> None:
     scene = make_scene().with_effect(Circular())
     with pytest.raises(ConfigError, match="the formulas of circular cannot be compiled"):
         Model(MESH, scene).right_hand_side()
+
+
+def test_classes_that_are_no_whole_effect_say_what_they_lack() -> None:
+    class Undecorated(PointwiseEffect):
+        name = "undecorated"
+        k: float = 1.0
+
+    @dataclass(frozen=True)
+    class Nameless(PointwiseEffect):
+        k: float = 1.0
+
+    class Whole(Slowing):
+        """Has no parameters of its own, so that it needs no decorator."""
+
+        name = "whole"
+        note: ClassVar[str] = "none"
+
+    for arguments in ({}, {"k": 2.0}):
+        with pytest.raises(ConfigError, match=r"Undecorated needs @dataclass\(frozen=True\)"):
+            Undecorated(**arguments)
+        with pytest.raises(ConfigError, match="give the effect Nameless a name"):
+            Nameless(**arguments)
+    assert Whole().name == "whole"
+
+
+def test_an_exact_solution_without_an_effect_is_none_with_it() -> None:
+    """Diffusion counts as an error of the discretisation."""
+    scene = get_scene("williamson2")
+    for effect in (Drag(1e-6), Relaxation(1e5), Slowing()):
+        assert scene.with_effect(effect).exact is None
+    for effect in (Viscosity(1e5), EdgePenalty(), Drag(0.0)):
+        assert scene.with_effect(effect).exact == scene.exact
+    slow = replace(scene.with_effect(Drag(1e-6)), exact=scene.exact)
+    assert slow.with_effect(Drag(1e-6)).exact == slow.exact
+    assert slow.with_effect(Drag(2e-6)).exact is None
+    summary = Simulation("williamson2", ne=2, effects={"drag.linear": 1e-6}).run(days=0.05)
+    assert summary["l2_h"] is None

@@ -198,7 +198,8 @@ def test_several_datasets_make_one_page_with_an_answer_for_each(tmp_path):
 
 def test_the_headline_is_on_the_slow_flow_where_its_error_is_known(dataset):
     (section,) = read_sections(dataset)
-    assert section.headline.startswith("Cheapest to l2(vorticity) ≤ 1e-4 (slow-flow error")
+    head = "Cheapest to l2(potential vorticity) ≤ 1e-4 (slow-flow error"
+    assert section.headline.startswith(head)
     without = dataset.assign(error=dataset.error.where(dataset.kind != "slow"))
     (section,) = read_sections(without)
     assert section.headline.startswith("Cheapest to l2(h) ≤ 3e-4 (total error")

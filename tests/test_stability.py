@@ -10,9 +10,15 @@ from swe_sphere.equations.effects import Drag, Viscosity
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
-from swe_sphere.steppers import STEPPERS
+from swe_sphere.steppers import STEPPERS, stability
 from swe_sphere.steppers.leapfrog import Leapfrog, filtered_growth
 from swe_sphere.testcases import get_scene
+
+
+def coefficients(name: str, *attributes: str) -> dict[str, object]:
+    """Those of a stepper of the package."""
+    return {attribute: getattr(STEPPERS[name], attribute) for attribute in attributes}
+
 
 WAVES = ("advection", "pressure", "rotation")
 
@@ -174,6 +180,25 @@ IMEX = {
         ),
         ("sdirk3", 1, {"a": ((1.0, 0.0),), "b": (1.0,)}, r"`a` must have \[1\] .* not \[2\]"),
         ("sdirk3", 1, {"a": ((0.5,), (0.5,)), "b": (0.5, 0.5)}, r"must have \[1, 2\] numbers"),
+        (
+            "rk4",
+            4,
+            {"a": ((0.5,), (0.0, 0.75)), "b": (2 / 9, 1 / 3, 4 / 9)},
+            r"order 4 requires sum b c\^3 = 1/4",
+        ),
+        (
+            "rk4",
+            5,
+            {"a": ((0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)), "b": (1 / 6, 1 / 3, 1 / 3, 1 / 6)},
+            r"order 5 requires sum b c\^4 = 1/5",
+        ),
+        ("esdirk4", 5, coefficients("esdirk4", "a", "b"), r"order 5 requires sum b .* = 1/"),
+        (
+            "ars343",
+            4,
+            coefficients("ars343", "explicit", "implicit", "b"),
+            r"order 4 requires sum b .* = 1/",
+        ),
         ("sdirk3", 2, {"a": ((1.0,),), "b": (1.0,)}, "order 2 requires sum b c = 1/2"),
         ("ark2", 2, IMEX | {"explicit": ((2.0 * GAMMA,), (0.5, 0.4))}, "requires sum b c = 1/2"),
         ("ark2", 3, IMEX, r"order 3 requires sum b c\^2 = 1/3"),
@@ -211,3 +236,26 @@ def test_coefficients_of_the_declared_order_are_accepted() -> None:
     method.name = "mine"  # later, so that it is not registered
     method.complete()
     assert method.error_constant > 0.0
+
+
+def test_order_conditions_are_those_of_all_rooted_trees():
+    """1, 1, 2, 4, 9 trees of 1 to 5 nodes (OEIS A000081), of which Butcher's method meets all."""
+    branches = []
+    for nodes, expected in zip(range(1, 6), (1, 1, 2, 4, 9), strict=True):
+        forests = list(stability._forests(branches, nodes - 1))
+        assert len(forests) == expected
+        branches += [stability._Branch(nodes, 1, "", np.ones(1))] * expected
+
+    class Butcher:
+        name, order = "butcher", 5
+        b = (7 / 90, 0.0, 32 / 90, 12 / 90, 32 / 90, 7 / 90)
+
+    rows = ((1 / 4,), (1 / 8, 1 / 8), (0.0, -1 / 2, 1.0), (3 / 16, 0.0, 0.0, 9 / 16),
+            (-3 / 7, 2 / 7, 12 / 7, -12 / 7, 8 / 7))  # fmt: skip
+    a = stability.tableau(rows, 6)
+    stability.check_order(Butcher, a)
+    for i, j in zip(*np.nonzero(a), strict=True):
+        wrong = a.copy()
+        wrong[i, j] += 1e-4
+        with pytest.raises(ConfigError, match="order 5 requires sum b"):
+            stability.check_order(Butcher, wrong)

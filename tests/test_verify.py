@@ -228,6 +228,8 @@ def test_rows_judge_what_was_measured(easy) -> None:
     assert not third.passed  # what was not measured fails
     expected = math.log2(first.quantities["l2_h"] / second.quantities["l2_h"])
     assert second.quantities["order"] == pytest.approx(expected)
+    again = [*run_cases([easy[0], easy[0]])][1]  # of one fineness: there is no order to observe
+    assert again.passed and "order" not in again.quantities
     tight = changed(easy[0], h=(1e-12, 1.0, 1.0))
     (row,) = run_cases([tight])
     assert [check.quantity for check in row.checks if not check.holds] == ["l1_h"]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar, no_type_check
+from typing import Any, ClassVar, Self, no_type_check
 
 import numpy as np
 
@@ -61,6 +61,16 @@ class Effect:
 
     strengths: ClassVar[tuple[str, ...]] = ()
     """Parameters that must be finite and not negative; where one is zero, the effect vanishes."""
+
+    def __new__(cls, *_: object, **__: object) -> Self:
+        """Raise ConfigError for a class without a name, or with parameters but no `@dataclass`."""
+        own = [str(kind) for kind in vars(cls).get("__annotations__", {}).values()]
+        parameters = [kind for kind in own if "ClassVar" not in kind]
+        if parameters and "__dataclass_fields__" not in vars(cls):
+            raise ConfigError(f"the effect {cls.__name__} needs @dataclass(frozen=True) above it")
+        if not isinstance(getattr(cls, "name", None), str):
+            raise ConfigError(f"give the effect {cls.__name__} a name: name = ...")
+        return super().__new__(cls)
 
     def __post_init__(self) -> None:
         for name in self.strengths:

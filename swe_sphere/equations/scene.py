@@ -157,7 +157,8 @@ class Scene:
         """The scene with the effect added, or put in the place of the one of the same name.
 
         An effect that vanishes (a viscosity of zero) is left out instead.  Relaxation of a scene
-        without equilibrium is to the initial depth.
+        without equilibrium is to the initial depth.  What was exact is not exact with drag,
+        relaxation or a user-defined effect; diffusion counts as an error of the discretisation.
 
         Raises ConfigError where `effect` is no effect.
         """
@@ -167,13 +168,17 @@ class Scene:
         if effect.absent:
             unneeded: dict[str, Any] = {effect.needs: None} if effect.needs else {}
             return replace(self, effects=kept, **unneeded)
+        exact = self.exact
+        if isinstance(effect, PointwiseEffect) and effect not in self.effects:
+            exact = None
         if len(kept) < len(self.effects):
             swapped = tuple(effect if e.name == effect.name else e for e in self.effects)
-            return replace(self, effects=swapped)
+            return replace(self, effects=swapped, exact=exact)
         equilibrium = self.equilibrium
         if effect.needs == "equilibrium" and equilibrium is None:
             equilibrium = partial(_initial_depth, self.initial)
-        return replace(self, effects=(*self.effects, effect), equilibrium=equilibrium)
+        effects = (*self.effects, effect)
+        return replace(self, effects=effects, equilibrium=equilibrium, exact=exact)
 
     def check_answers(self, lon: Array, lat: Array) -> None:
         """ConfigError now, and not when errors are first taken, if what is exact cannot be had."""
@@ -281,8 +286,6 @@ def _wrong_kinds(scene: Scene) -> Iterator[str]:
         if not isinstance(effect, Effect):
             hint = "; write Rotation(), not Rotation" if isinstance(effect, type) else ""
             yield f"{shown(effect)} among its effects is none{hint}"
-        elif not isinstance(getattr(effect, "name", None), str):
-            yield f"give the effect {type(effect).__name__} a name"
     parameters: Mapping[Any, Any] = scene.parameters
     for key, value in parameters.items():
         if not (isinstance(key, str) and isinstance(value, bool | int | float | str)):

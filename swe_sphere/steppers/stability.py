@@ -1,9 +1,9 @@
 """Largest stable steps from amplification factors, and the tableaus that these follow from."""
 
 import math
-from collections.abc import Callable, Sequence
-from itertools import combinations_with_replacement, product
-from typing import Any
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,8 @@ from swe_sphere.errors import ConfigError
 Complex = NDArray[np.complex128]
 Rows = tuple[tuple[float, ...], ...]
 TOLERANCE = 1e-7
+HIGHEST = 5
+"""Order up to which order conditions are checked."""
 ROUNDING = 1e-6
 """Largest residual of an order condition that may be rounding of coefficients."""
 
@@ -77,25 +79,48 @@ def checked_tableau(
 
 
 def check_order(cls: Any, *matrices: NDArray[np.float64]) -> None:
-    """Raise ConfigError where a method misses an order condition of its `order`, up to the third.
+    """Raise ConfigError where a method misses an order condition of its `order`, up to the fifth.
 
-    matrices: A of each part of the right-hand side.  Conditions hold for all their combinations
-    (Kennedy & Carpenter 2003).
+    matrices: A of each part of the right-hand side.  A condition b . phi = 1 / density belongs to
+    each rooted tree whose branches have matrices (Hairer, Norsett & Wanner 1993, II.2 and II.15).
     """
-    b, nodes = np.array(cls.b), [a.sum(axis=1) for a in matrices]
-    squares = combinations_with_replacement(nodes, 2)
-    conditions = [
-        (1, "sum b = 1", b.sum() - 1.0),
-        *((2, "sum b c = 1/2", b @ c - 1 / 2) for c in nodes),
-        *((3, "sum b c^2 = 1/3", b @ (c * d) - 1 / 3) for c, d in squares),
-        *((3, "sum b A c = 1/6", b @ a @ c - 1 / 6) for a, c in product(matrices, nodes)),
-    ]
-    for order, condition, residual in conditions:
-        if order <= cls.order and not abs(residual) <= ROUNDING:
-            raise ConfigError(
-                f"stepper {cls.name}: order {cls.order} requires {condition}, which its"
-                f" coefficients miss by {residual:.3g}"
-            )
+    b, branches = np.array(cls.b), list[_Branch]()
+    for order in range(1, min(cls.order, HIGHEST) + 1):
+        grown = list[_Branch]()
+        for forest in _forests(branches, order - 1):
+            density = order * math.prod(branch.density for branch in forest)
+            phi = math.prod((branch.phi for branch in forest), start=np.ones(b.size))
+            powers = Counter(branch.text for branch in forest).items()
+            text = " ".join(name if n == 1 else f"{name}^{n}" for name, n in powers)
+            residual = b @ phi - 1.0 / density
+            if not abs(residual) <= ROUNDING:
+                right = f"1/{density}" if text else "1"
+                raise ConfigError(
+                    f"stepper {cls.name}: order {cls.order} requires {f'sum b {text}'.strip()} ="
+                    f" {right}, which its coefficients miss by {residual:.3g}"
+                )
+            name = {"": "c", "c": "A c"}.get(text, f"A({text})")
+            grown += [_Branch(order, density, name, a @ phi) for a in matrices]
+        branches += grown
+
+
+class _Branch(NamedTuple):
+    """A rooted tree that grows on a node, with one of the matrices."""
+
+    order: int
+    density: int
+    text: str
+    phi: NDArray[np.float64]
+
+
+def _forests(branches: Sequence[_Branch], nodes: int) -> Iterator[tuple[_Branch, ...]]:
+    """Yield all multisets of branches that have so many nodes together."""
+    if nodes == 0:
+        yield ()
+    for i, branch in enumerate(branches):
+        if branch.order <= nodes:
+            for others in _forests(branches[i:], nodes - branch.order):
+                yield branch, *others
 
 
 def error_constant(a: NDArray[np.float64], b: NDArray[np.float64], order: int) -> float:

@@ -33,7 +33,7 @@ class Row:
     def quantities(self) -> dict[str, float]:
         """All numbers, and the observed orders since the row before by the names in `ORDERS`."""
         numbers = {n: math.nan if x is None else x for n, x in self.measure.numbers.items()}
-        if self.before is None:
+        if self.before is None or self.before._fineness == self._fineness:
             return numbers
         ratio = math.log(self._fineness / self.before._fineness)
         old, new = self.before.measure.numbers, self.measure.numbers

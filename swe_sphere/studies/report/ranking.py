@@ -66,7 +66,9 @@ class Metric:
     @property
     def symbol(self) -> str:
         """Symbol of the error, such as l2(h)."""
-        return f"{SYMBOLS.get(self.norm, self.norm)}({self.field})"
+        is_slow = (self.kind, self.field) == ("slow", "vorticity")
+        field = "potential vorticity" if is_slow else self.field
+        return f"{SYMBOLS.get(self.norm, self.norm)}({field})"
 
     @property
     def kind_title(self) -> str:

@@ -242,6 +242,9 @@ def _row(run: RunRecord, scene: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
+ABOUT_ERRORS = {"units": "1", "comment": "slow errors of vorticity are of potential vorticity"}
+
+
 def _errors(runs: list[RunRecord]) -> xr.DataArray:
     """All errors, NaN where there is none."""
     days = sorted({error.day for run in runs for error in run.errors})
@@ -253,7 +256,7 @@ def _errors(runs: list[RunRecord]) -> xr.DataArray:
             values[n, kind, field, :, days.index(error.day)] = norms
     labels = {"kind": [*KINDS], "field": [*FIELDS], "norm": [*NORMS],
               "report_day": ("report_day", days, {"units": "d"})}  # fmt: skip
-    return xr.DataArray(values, labels, ["run", *labels], attrs={"units": "1"})
+    return xr.DataArray(values, labels, ["run", *labels], attrs=ABOUT_ERRORS)
 
 
 def _converged(records: list[RunRecord]) -> tuple[float, float]:
