@@ -19,17 +19,25 @@ from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.testcases import get_scene
 
 MEASURE = """
-import json, sys
+import ctypes, gc, json, re, sys
+from pathlib import Path
 from swe_sphere.simulation.simulation import run
 from swe_sphere.simulation.config import make_config
-from swe_sphere.studies.sweep.runner import begin_peak, peak_memory
+
+def peak():
+    return 1024.0 * float(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1])
+
 given = json.loads(sys.argv[1])
 run(make_config(given | {"ne": 2}))
-if not begin_peak():
+gc.collect()
+try:
+    ctypes.CDLL(None).malloc_trim(0)
+    Path("/proc/self/clear_refs").write_text("5")  # resets the peak: proc(5), Linux 4.0
+except (OSError, AttributeError):
     sys.exit(3)
-before = peak_memory()
+before = peak()
 run(make_config(given))
-print(peak_memory() - before)
+print(peak() - before)
 """
 
 

@@ -58,10 +58,5 @@ def count(value: float) -> str:
     return _with_unit(value, f"{value:.0f}")
 
 
-def bytes_text(value: float) -> str:
-    """Memory in MiB."""
-    return _with_unit(value, f"{value / 2**20:.0f}", " MiB")
-
-
 def _with_unit(value: float, text: str, unit: str = "") -> str:
     return text + unit if math.isfinite(value) else NOTHING

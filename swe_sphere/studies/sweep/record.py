@@ -51,7 +51,6 @@ UNITS = {
     **dict.fromkeys(("dt", "gravity_limit", "advective_limit"), "s"),
     **dict.fromkeys(("compile_seconds", "setup_seconds", "total_seconds"), "s"),
     **dict.fromkeys(("days", "days_planned"), "d"),
-    "peak_memory": "byte",
 }
 """Numbers of a row and their units; others that a run has come without."""
 

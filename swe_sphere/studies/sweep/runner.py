@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import ctypes
 import gc
 import math
-import re
 import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -105,7 +102,7 @@ def execute(
     Raises:
         Interrupted: the user asked to stop.
     """
-    begin_peak()
+    gc.collect()  # memory of earlier runs
     began = time.perf_counter()
     try:
         sim = _begun(spec)
@@ -123,7 +120,7 @@ def execute(
     if ended.completed:
         found = sim.diagnostics
         ended.numbers |= {name: found[name] for name in (*DRIFTS, *DIAGNOSTICS) if name in found}
-    ended.numbers |= {"peak_memory": peak_memory(), "total_seconds": time.perf_counter() - began}
+    ended.numbers["total_seconds"] = time.perf_counter() - began
     return ended, snapshots.kept
 
 
@@ -147,28 +144,6 @@ def _begun(spec: RunSpec) -> Simulation:
     sim = spec.integrator.space.simulation(spec.config)
     sim.begin(spec.steps)
     return sim
-
-
-def begin_peak() -> bool:
-    """Free the memory of earlier runs and begin a new peak; False where the system cannot."""
-    gc.collect()
-    with suppress(OSError, AttributeError):  # where the C library can (glibc)
-        ctypes.CDLL(None).malloc_trim(0)
-    with suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")  # resets the peak: proc(5), Linux 4.0
-        return True
-    return False
-
-
-def peak_memory() -> float:
-    """Return the most memory resident since `begin_peak` [bytes], with interpreter and libraries.
-
-    NaN where the system does not report it.
-    """
-    with suppress(OSError):
-        if found := re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text()):
-            return 1024.0 * float(found[1])
-    return math.nan
 
 
 class Runner:
