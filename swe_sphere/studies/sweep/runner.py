@@ -38,7 +38,7 @@ class SweepWatcher:
     def __init__(self, title: str = "", quiet: bool = True) -> None:
         from tqdm import tqdm
 
-        self._quiet = quiet
+        self._quiet, self._label, self._steps = quiet, "", 0
         self._bar: Any = tqdm(
             total=0, desc=title, unit="run", leave=False, file=sys.stderr,
             disable=quiet or not sys.stderr.isatty(),
