@@ -116,7 +116,7 @@ def test_a_stepper_with_a_mistake_is_a_row_and_ends_no_sweep(tmp_path):
     ends = dict(zip(found.stepper.values, found.status.values, strict=True))
     assert ends == {"ralston-of-test": "failed", "rk4": "completed"}
     (failed,) = found.reason.values[found.stepper.values == "ralston-of-test"]
-    assert failed == "KeyError: 'no such stage'"
+    assert failed == "ralston.py fails: KeyError: 'no such stage' (ralston.py, line 14)"
 
 
 def test_an_edited_file_of_a_stepper_has_its_own_runs_made_again_and_no_others(tmp_path):
