@@ -12,6 +12,8 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS, stability
 from swe_sphere.steppers.leapfrog import Leapfrog, filtered_growth
+from swe_sphere.steppers.runge_kutta import RungeKutta
+from swe_sphere.steppers.stability import GROWTH_TIME, TOLERANCE
 from swe_sphere.testcases import get_scene
 
 
@@ -259,3 +261,17 @@ def test_order_conditions_are_those_of_all_rooted_trees():
         wrong[i, j] += 1e-4
         with pytest.raises(ConfigError, match="order 5 requires sum b"):
             stability.check_order(Butcher, wrong)
+
+
+def test_a_method_without_a_stable_step_may_amplify_waves_by_e_in_15_days():
+    """Heun's of second order: |R(iy)| = sqrt(1 + y^4/4), and steps that order needs, not 1e-7."""
+
+    class Heun(RungeKutta):
+        a, b = ((1.0,),), (0.5, 0.5)
+
+    for wave in (2e-4, 2e-3):
+        dt = Heun.stable_dt(wave)
+        growth = (1.0 + (wave * dt) ** 4 / 4.0) ** (0.5 * GROWTH_TIME / dt)
+        assert growth == pytest.approx(np.e, rel=2e-3)
+        assert dt > 4.0 * (8.0 * TOLERANCE) ** 0.25 / wave
+        assert Heun.stable_dt(wave, 0.1 * wave) >= dt

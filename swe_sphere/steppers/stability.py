@@ -9,12 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.planet import DAY
 
 Complex = NDArray[np.complex128]
 Rows = tuple[tuple[float, ...], ...]
 TOLERANCE = 1e-7
 HIGHEST = 5
 """Order up to which order conditions are checked."""
+SHORT = 0.25
+"""Product of a step and the spectral radii at which waves do not grow, or grow at any step."""
+GROWTH_TIME = 15 * DAY
+"""Time in which a method that has no stable step may amplify the fastest wave by a factor e [s]."""
 ROUNDING = 1e-6
 """Largest residual of an order condition that may be rounding of coefficients."""
 
@@ -26,13 +31,16 @@ def largest_step(
     reach: float,
     tolerance: float = TOLERANCE,
     looks: int = 1,
+    growth_time: float = math.inf,
 ) -> float:
-    """Largest dt [s] up to which no mode grows by more than the tolerance in a step.
+    """Return the largest dt [s] up to which no mode grows by more than the tolerance in a step.
 
     `growth(z_wave, z_dissipation)` gives the largest amplification factor for eigenvalues times dt
     of the waves (imaginary) and the dissipation (negative); all combinations up to the spectral
     radii `wave` and `dissipation` [s-1] are looked at.  `reach` bounds dt times the sum of both;
     where steps longer than an unstable one may be stable again, `looks` steps up to it are tried.
+    A method that amplifies waves at any step, however short (Heun's of second order), may amplify
+    one by a factor e in `growth_time` [s] instead.
     """
     if wave + dissipation == 0.0:
         return np.inf
@@ -40,9 +48,14 @@ def largest_step(
     damping = share[::8] if dissipation else share[:1]
     z_wave, z_dissipation = np.meshgrid(1j * wave * share, -dissipation * damping + 0j)
 
-    def stable(dt: float) -> bool:
-        return bool(growth(dt * z_wave, dt * z_dissipation).max() <= 1.0 + tolerance)
+    def excess(dt: float) -> float:
+        return float(growth(dt * z_wave, dt * z_dissipation).max()) - 1.0
 
+    def stable(dt: float) -> bool:
+        return excess(dt) <= max(tolerance, dt / growth_time)
+
+    if excess(SHORT / (wave + dissipation)) <= tolerance:
+        growth_time = math.inf
     tried = reach / (wave + dissipation) * np.linspace(0.0, 1.0, looks + 1)
     first = next((i for i in range(1, looks) if not stable(tried[i])), looks)
     low, high = tried[first - 1], tried[first]

@@ -20,7 +20,7 @@ from swe_sphere.operators.replay import Replay
 from swe_sphere.ranks.limits import one_thread
 from swe_sphere.settings.registry import Registry
 from swe_sphere.steppers.split_diffusion import Diffusion
-from swe_sphere.steppers.stability import Complex, largest_step
+from swe_sphere.steppers.stability import GROWTH_TIME, Complex, largest_step
 from swe_sphere.steppers.stage_solver import StageSolver
 
 RECOMMENDED = "tr-bdf2"
@@ -284,7 +284,7 @@ class Stepper(Trajectory, ABC):
     @classmethod
     def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
         """Largest stable step [s] for spectral radii of waves and dissipation [s-1]."""
-        return largest_step(cls.growth, wave, dissipation, cls.reach)
+        return largest_step(cls.growth, wave, dissipation, cls.reach, growth_time=GROWTH_TIME)
 
     @classmethod
     def growth(cls, z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
