@@ -274,4 +274,4 @@ def test_a_method_without_a_stable_step_may_amplify_waves_by_e_in_15_days():
         growth = (1.0 + (wave * dt) ** 4 / 4.0) ** (0.5 * GROWTH_TIME / dt)
         assert growth == pytest.approx(np.e, rel=2e-3)
         assert dt > 4.0 * (8.0 * TOLERANCE) ** 0.25 / wave
-        assert Heun.stable_dt(wave, 0.1 * wave) >= dt
+        assert Heun.stable_dt(wave, 0.1 * wave) > 0.999 * dt

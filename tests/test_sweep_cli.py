@@ -113,7 +113,11 @@ def test_a_search_prints_the_cheapest_of_each_stepper(swe):
 def test_limits_are_noted(swe):
     status, _, err = swe("lauter", "--steppers", "rk4", "--dt", 3600, *TINY, "--find-limit")
     assert status == 0
-    assert re.fullmatch(r"rk4, ne2 np4 float64: longest stable step .* gravity limits\n", err)
+    assert re.fullmatch(
+        r"rk4, ne2 np4 float64: longest stable step .* s, 2\.\d+ gravity limits"
+        r" \(100 steps and 5 days at least; spectral limit .* s\)\n",
+        err,
+    )
 
 
 def test_failed_runs_are_told_below_the_table(swe):

@@ -27,7 +27,13 @@ from swe_sphere.studies.sweep.errors import Evaluator
 from swe_sphere.studies.sweep.record import RunRecord, note_plan, runs_of, write_dataset
 from swe_sphere.studies.sweep.runner import Runner, SweepWatcher
 from swe_sphere.studies.sweep.runs import Integrator, RunSpec, Study, users_methods
-from swe_sphere.studies.sweep.steps import NoStepError, longest_accurate, longest_working
+from swe_sphere.studies.sweep.steps import (
+    TRIAL_DAYS,
+    TRIAL_STEPS,
+    NoStepError,
+    longest_accurate,
+    longest_working,
+)
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan, make_plan
 
 SHORTEST = 64.0
@@ -261,6 +267,8 @@ class Sweep:
             told = f"stable at every step up to {found:.4g} s"
         else:
             told = f"longest stable step {found:.4g} s, {found / gravity:.3g} gravity limits"
+        told += f" ({TRIAL_STEPS} steps and {max(study.days, TRIAL_DAYS):g} days at least;"
+        told += f" spectral limit {f'{limit:.4g} s' if known else 'none'})"
         hurried = " (some trials ran out of time)" if "timed-out" in ends else ""
         self._watcher.note(f"{integrator.label}: {told}{hurried}")
 

@@ -23,6 +23,7 @@ from swe_sphere.studies.ended import BREAKDOWNS, Ended, stepped
 from swe_sphere.studies.record_store import Store
 from swe_sphere.studies.sweep.record import COUNTS, Errors, RunRecord, current
 from swe_sphere.studies.sweep.runs import Discretisation, History, Integrator, RunSpec
+from swe_sphere.studies.sweep.steps import PERTURBATION, most_growth
 
 KEPT = ("u", "v", "h", "vorticity")
 """Fields of a state of which errors are taken."""
@@ -111,6 +112,8 @@ def execute(
     snapshots = Snapshots({round(day * DAY / spec.dt): day for day in spec.report_days})
     ended = stepped(sim, [snapshots, Ticker(tick)], time_limit, interruption)
     counts = sim.counts()
+    if ended.completed and spec.role == "stability":
+        ended = perturbed(spec, sim, interruption, time_limit)
     ended.numbers = {
         **{name: counts.get(name, 0) for name in (*COUNTS, "setup_seconds")},
         "steps": sim.steps, "days": sim.steps * sim.plan.dt / DAY,
@@ -122,6 +125,33 @@ def execute(
         ended.numbers |= {name: found[name] for name in (*DRIFTS, *DIAGNOSTICS) if name in found}
     ended.numbers["total_seconds"] = time.perf_counter() - began
     return ended, snapshots.kept
+
+
+def perturbed(
+    spec: RunSpec, sim: Simulation, interruption: Interruption, time_limit: float | None
+) -> Ended:
+    """Repeat a run from its initial state with noise; it is unstable where the noise grows.
+
+    sim: the run, at its end.
+    """
+    from swe_sphere.steppers.stage_solver import energy_weights  # imports Warp
+
+    twin = _begun(spec)
+    model, start = twin.model, twin.stepper.state.numpy().astype(float)
+    blocks = start.reshape(len(model.names), -1)
+    scales = np.abs(blocks).max(axis=1, keepdims=True)
+    size = max(PERTURBATION, 100.0 * float(np.finfo(model.device_mesh.numpy_real).eps))
+    noise = size * scales * np.random.default_rng(1).standard_normal(blocks.shape)
+    twin.stepper.start(model.device_mesh.upload(start + noise.ravel()))
+    ended = stepped(twin, (), time_limit, interruption)
+    if not ended.completed:
+        return ended
+    states = [one.stepper.state.numpy().astype(float) for one in (twin, sim)]
+    squares = [energy_weights(model) @ x**2 for x in (noise.ravel(), states[0] - states[1])]
+    growth = math.sqrt(squares[1] / squares[0])
+    if growth <= most_growth(sim.time / DAY):
+        return ended
+    return Ended("unstable", f"noise has grown {growth:.3g} times in {sim.time / DAY:.4g} days")
 
 
 def warm_up(spec: RunSpec) -> float:

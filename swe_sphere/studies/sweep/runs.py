@@ -37,7 +37,7 @@ from swe_sphere.simulation.restart import identity, run_sources
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS, Stepper, get_stepper
-from swe_sphere.studies.sweep.steps import dt_sequence
+from swe_sphere.studies.sweep.steps import TRIAL_DAYS, TRIAL_STEPS, dt_sequence
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
 if TYPE_CHECKING:
@@ -182,7 +182,7 @@ class Study:
     def references(self, role: Role) -> tuple[str, ...]:
         """What the errors of a run are taken against: part of its identity."""
         if role == "stability":
-            return ()
+            return (f"noise, {TRIAL_STEPS} steps, {TRIAL_DAYS} days",)
         files = {day: file_fingerprint(path) for day, path in self.files.items()}
         if role == "converged":
             return ("reference run", str(files))
@@ -269,7 +269,8 @@ class Integrator:
         """
         try:
             trial = role == "stability"
-            steps = free_steps(self.study.days, dt) if trial else self.study.steps(dt)
+            days = max(self.study.days, TRIAL_DAYS, TRIAL_STEPS * dt / DAY)
+            steps = free_steps(days, dt) if trial else self.study.steps(dt)
         except ConfigError as error:
             return RunSpec(self, dt, None, role, str(error))
         return RunSpec(self, steps.dt, steps, role, self.refusal)

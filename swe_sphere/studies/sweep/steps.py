@@ -21,6 +21,20 @@ PLATEAU = 0.9
 """An error that a halved step leaves above this part of itself does not depend on the step."""
 
 
+TRIAL_STEPS, TRIAL_DAYS = 100, 5.0
+"""A trial of stability takes so many steps and so many days at least, and those of the sweep."""
+PERTURBATION = 1e-7
+"""Size of the noise that must not grow in a trial, relative to the largest value of a field."""
+GROWN, GROWTH_OF_FLOW = 10.0, 0.5
+"""A stable step amplifies it by at most the first, times e to the second for each day: flows too
+are unstable."""
+
+
+def most_growth(days: float) -> float:
+    """Return the largest growth of noise over so many days with a stable step."""
+    return GROWN * math.exp(min(GROWTH_OF_FLOW * days, 600.0))
+
+
 class NoStepError(Exception):
     """No step is good enough; the text says why."""
 
