@@ -1,11 +1,13 @@
 """Errors against references and between files on different grids."""
 
 import json
+from dataclasses import replace
 
 import netCDF4
 import numpy as np
 import pytest
 
+from swe_sphere.equations.effects import Viscosity
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.compare import compare
 from swe_sphere.io.integrals import norms
@@ -19,6 +21,9 @@ from swe_sphere.io.reference_solution import (
 )
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
+from swe_sphere.simulation.build import shipped_solution
+from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.testcases import get_scene
 
 REFERENCES = sorted(SHIPPED.glob("*_day*.nc"))
 
@@ -249,3 +254,23 @@ def test_a_reference_of_another_time_is_not_compared(tmp_path) -> None:
     assert reference.nearest(None) == reference.nearest(15 * DAY) == 15 * DAY
     with pytest.raises(ConfigError, match="no frame at day 5: the last ones are at day 15"):
         reference.nearest(5 * DAY)
+
+
+def test_a_run_takes_its_errors_against_the_reference_of_the_package():
+    """At the day of the reference, and only of the very scene that it is of."""
+    small = {"ne": 2, "np": 4}
+    summary = Simulation("williamson5", **small).run(days=5)
+    given = Simulation("williamson5", reference=SHIPPED / "williamson5_day5.nc", **small)
+    named = ("l1_h", "l2_h", "linf_h", "l2_v", "reference")
+    assert [summary[name] for name in named] == [given.run(days=5)[name] for name in named]
+    assert summary["reference"] == "williamson5_day5.nc" and summary["l2_h"] < 1e-2
+    assert ("errors against", "williamson5_day5.nc") in summary.rows()
+    assert Simulation("williamson5", **small).run(days=0.5)["l2_h"] is None
+    scene = get_scene("williamson5")
+    slow = replace(scene, initial=lambda lon, lat: tuple(0.9 * x for x in scene.initial(lon, lat)))
+    assert shipped_solution(scene, 15.0) == SHIPPED / "williamson5_day15.nc"
+    assert shipped_solution(slow, 15.0) is None
+    dragged = Simulation("williamson5", effects={"drag.linear": 1e-6}, **small)
+    assert dragged.run(days=5)["l2_h"] is None
+    viscous = get_scene("galewsky").with_effect(Viscosity(1e5))
+    assert shipped_solution(viscous, 6.0) == SHIPPED / "galewsky_viscous_day6.nc"

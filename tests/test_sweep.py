@@ -434,7 +434,7 @@ def test_a_step_with_which_noise_grows_is_unstable():
     (integrator,) = study.integrators()
     for share, status in ((0.9, "completed"), (1.04, "unstable")):
         spec = integrator.run(share * integrator.stable_dt, "stability")
-        spec = replace(spec, steps=replace(spec.steps, steps=16))
+        spec = replace(spec, steps=replace(spec.steps, steps=32))
         sim = integrator.space.simulation(spec.config)
         sim.begin(spec.steps)
         assert sim.advance().completed

@@ -219,11 +219,12 @@ TAKEN = frozenset({
     "diagnostic_time", "dt_rule", "dt_wanted", "effects", "error", "face", "fast_steps", "field",
     "gravity_limit", "history", "identity", "initial", "jobs", "key", "kind", "krylov_steps",
     "l1_v", "launch", "linf_v", "node", "norm", "origin", "out", "peak_memory", "planet",
-    "plot_field", "precision", "preconditioner_applications", "record", "references",
+    "plot_field", "precision", "preconditioner_applications", "record", "reference", "references",
     "rejected_steps", "repeat", "report_day", "role", "run", "run_id", "scene_parameters", "scheme",
     "settings", "setup_seconds", "setups", "source", "sources", "spread", "stable_dt", "start_step",
-    "status", "stepper_options", "steps_at_once", "summary", "tangent_evaluations", "time", "title",
-    "total_seconds", "tracer_stages", "tracer_steps", "wall", "wind",
+    "status", "step_changes", "stepper_options", "steps_at_once", "summary",
+    "tangent_evaluations", "time", "title", "total_seconds", "tracer_stages", "tracer_steps",
+    "wall", "wind",
 })  # fmt: skip
 """Names of other values in files and summaries of runs."""
 OPTIONS = frozenset({

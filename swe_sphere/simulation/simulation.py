@@ -619,14 +619,24 @@ class Simulation:
         numbers |= {**dict.fromkeys(COSTS, 0), **self.counts()}
         if outcome.is_sound:
             numbers |= self.diagnostics
-        if outcome.completed and self.reference is not None:
-            numbers |= reference_errors(self.reference, self.snapshot)
+        if outcome.completed and (reference := self.reference or self._shipped_solution()):
+            numbers |= reference_errors(reference, self.snapshot)
+            numbers["reference"] = reference.path.name
         if (cuts := getattr(self._stepper, "cuts", None)) is not None:
             numbers["cuts"] = list(cuts)
         if changes := self._lengths[1:]:
             words = [f"{dt:.6g} s from day {now / DAY:.6g} on" for _, now, dt in changes]
             numbers["step_changes"] = words
         return replace(outcome, numbers=numbers)
+
+    def _shipped_solution(self) -> Reference | None:
+        """Return the solution of the scene at the present time that comes with the package."""
+        path = build.shipped_solution(self.scene, self.time / DAY)
+        if path is None:
+            return None
+        from swe_sphere.io.reference_solution import Reference  # needs scipy's splines
+
+        return Reference(path)
 
     def _method(self) -> dict[str, object]:
         """Return how the scene is stepped, and on what; values of a plan are None without one."""

@@ -26,11 +26,17 @@ from swe_sphere.files.fingerprints import (
     processor,
 )
 from swe_sphere.files.user_file import is_custom, is_user_file
-from swe_sphere.io.reference_solution import Reference, shipped_reference
+from swe_sphere.io.reference_solution import Reference
 from swe_sphere.operators import find_device
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.build import make_mesh, make_scene, start_warp, stepper_options
-from swe_sphere.simulation.config import RunConfig, make_config
+from swe_sphere.simulation.build import (
+    make_mesh,
+    make_scene,
+    shipped_solution,
+    start_warp,
+    stepper_options,
+)
+from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import Fields, state_integrals
 from swe_sphere.simulation.planning import RunPlan, common_measure, free_steps, time_plan
 from swe_sphere.simulation.restart import identity, run_sources
@@ -48,13 +54,6 @@ History = dict[float, Fields]
 Role = Literal["grid", "target", "stability", "converged"]
 """What a run is made for: a grid, a search for an error or for the longest stable step, or to be
 compared with."""
-SHIPPED: dict[str, tuple[str, tuple[str, ...]]] = {
-    "williamson5": ("williamson5", ()),
-    "williamson6": ("williamson6", ()),
-    "galewsky": ("galewsky", ()),
-    "galewsky_viscous": ("galewsky", ("viscosity.nu=1e5",)),
-}
-"""Solutions that come with the package: the scene and the settings of each."""
 SESSION = uuid.uuid4().hex
 """In the place of the fingerprint of code that is in no file: nothing of it is known later."""
 
@@ -345,7 +344,8 @@ def reference_files(
     """
     if plan.reference:
         return dict(_of_user(path, report_days) for path in plan.reference)
-    return {} if scene.exact is not None else _shipped(scene, report_days)
+    found = {day: shipped_solution(scene, day) for day in report_days}
+    return {day: path for day, path in found.items() if path is not None}
 
 
 def _of_user(path: Path, report_days: Sequence[float]) -> tuple[float, Path]:
@@ -360,21 +360,6 @@ def _of_user(path: Path, report_days: Sequence[float]) -> tuple[float, Path]:
             " report-days"
         )
     return near[0], path
-
-
-def _shipped(scene: Scene, report_days: Sequence[float]) -> dict[float, Path]:
-    """Files of the package by report day, where the scene is just that of the files."""
-    files: dict[float, Path] = {}
-    for label, (name, settings) in SHIPPED.items():
-        if scene.name != name:
-            continue
-        original = make_scene(make_config({"scene": name, "settings": settings}))
-        if (original.effects, original.parameters, original.planet) == (
-            scene.effects, scene.parameters, scene.planet
-        ):  # fmt: skip
-            found = {day: shipped_reference(label, day) for day in report_days}
-            files |= {day: path for day, path in found.items() if path is not None}
-    return files
 
 
 def users_methods(steppers: Iterable[str], preconditioners: Iterable[str]) -> dict[str, str]:
