@@ -234,3 +234,19 @@ def test_errors_of_numerical_libraries_end_a_run_with_its_frames(monkeypatch, tm
     summary = sim.run(days=0.1, out=tmp_path / "run.nc")
     assert summary.status == "solver-failed" and "ARPACK" in summary.reason
     assert get_frames(tmp_path / "run.nc") == 1
+
+
+FLOAT32 = {
+    "rk4": 5e-8, "leapfrog": 5e-8, "ark2": 5e-8, "semi-implicit": 5e-8, "tr-bdf2": 5e-7,
+    "bdf2": 5e-6,
+}  # fmt: skip
+"""Largest mass drift in float32 that docs/index.md states."""
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("scene", ["williamson5", "williamson6"])
+@pytest.mark.parametrize("stepper", FLOAT32)
+def test_mass_drift_in_float32_is_what_the_docs_state(stepper, scene):
+    sim = Simulation(scene, ne=8, np=4, stepper=stepper, precision="float32")
+    summary = sim.run(days=5.0, progress=False)
+    assert abs(summary["mass_drift"]) <= FLOAT32[stepper]
