@@ -13,6 +13,7 @@ from typer import TyperException
 
 from swe_sphere import __version__
 from swe_sphere.cli.show import DEBUG, explain
+from swe_sphere.cli.streams import open_streams
 from swe_sphere.compiling import on_compile, tell_of_compiling
 from swe_sphere.errors import ConfigError
 from swe_sphere.ranks.communicator import OF_RANKS, refuse_ranks, world
@@ -67,10 +68,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     age = process_age() if arguments is None else 0.0
     token = command_began.set(time.monotonic() - age)
     arguments = sys.argv[1:] if arguments is None else arguments
+    open_streams()
     try:
         with on_compile(tell_of_compiling):
             app = program([name for name in arguments[:1] if name in COMMANDS] or COMMANDS)
             status = app(arguments, prog_name="swe-sphere", standalone_mode=False, obj=arguments)
+            sys.stdout.flush()
     except Exception as error:
         if os.environ.get(DEBUG):
             traceback.print_exc()

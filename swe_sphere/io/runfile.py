@@ -19,7 +19,7 @@ import xarray as xr
 from scipy.io import netcdf_file
 
 from swe_sphere.arrays import Array
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, SweError
 from swe_sphere.files.durable import check_moved
 from swe_sphere.io.growing import check_zarr, is_store
 from swe_sphere.io.layout import MESH_ATTRIBUTES, SERIES, SUMMARY, TRACER, VARIABLES, in_python
@@ -55,7 +55,9 @@ def reading(path: str | os.PathLike[str]) -> Iterator[xr.Dataset]:
             data = xr.open_dataset(path, engine=kind, decode_cf=False)
         with data:
             yield data
-    except (OSError, RuntimeError, LookupError, AttributeError, ValueError, TypeError) as error:
+    except SweError:
+        raise
+    except Exception as error:  # decoders of damaged data raise errors of all kinds
         why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
         why = f"it is damaged, cut short, or not a file of this kind ({why})"
         denied = not os.access(path, os.R_OK)

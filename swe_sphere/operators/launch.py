@@ -91,7 +91,7 @@ class Launcher:
         start, worked = time.perf_counter(), time.process_time()
         modules = {kernel.module.name: kernel.module for kernel in kernels}.values()
         with self.comm.root_first():  # which compiles for all
-            new = [module for module in modules if not self._is_cached(module)]
+            new = [module for module in modules if not self._cached(module).exists()]
             if new:
                 with compiling(), ThreadPoolExecutor(os.cpu_count()) as pool:
                     self._load(new[0])  # alone, as it compiles Warp's headers
@@ -107,16 +107,24 @@ class Launcher:
         self.load(*made)
         return made
 
-    def _is_cached(self, module: Any) -> bool:
-        """Return whether Warp has already compiled the module for this processor or GPU."""
+    def _cached(self, module: Any) -> Path:
+        """Return where Warp keeps the module as compiled for this processor or GPU."""
         place = Path(wp.config.kernel_cache_dir, module.get_module_identifier(self._block_dim))
         if warp_internals() is not None:  # else for any
             device, block_dim = wp.get_device(self.device), self._block_dim
             place /= getattr(module, OBJECT)(device, block_dim=block_dim)
-        return place.exists()
+        return place
 
     def _load(self, module: Any) -> None:
-        module.load(self.device, block_dim=self._block_dim)
+        """Load or compile a module; ConfigError where what is kept of it cannot be loaded."""
+        try:
+            module.load(self.device, block_dim=self._block_dim)
+        except Exception as error:  # the class that Warp raises
+            if not (kept := self._cached(module)).exists():
+                raise
+            raise ConfigError(
+                f"a compiled kernel is damaged ({error}): remove {kept.parent} and run again"
+            ) from error
 
     def __call__(
         self, kernel: Any, dim: int | tuple[int, ...], *arguments: Any, cuts: Cuts | None = None

@@ -9,6 +9,7 @@ import sys
 import tempfile
 import tomllib
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ import numpy
 from swe_sphere.equations.effects import Effect
 from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.errors import ConfigError, shown
+from swe_sphere.files.durable import clear_errors
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.ranks.communicator import world
@@ -235,6 +237,9 @@ EXPECTED = b"Could not find or load the NVIDIA CUDA driver"
 """Messages that Warp's native library writes to stderr on every machine without a GPU."""
 
 
+NO_CACHE = ": set WARP_CACHE_PATH to a folder that can be written to"
+
+
 def start_warp() -> None:
     """Import and initialise Warp, without its message that there is no GPU."""
     import warp as wp
@@ -245,9 +250,11 @@ def start_warp() -> None:
         stderr = os.dup(2)
         os.dup2(caught.fileno(), 2)
         try:
-            wp.init()
+            with clear_errors("compiled kernels cannot be kept", after=NO_CACHE):
+                wp.init()
         finally:
             os.dup2(stderr, 2)
             os.close(stderr)
             caught.seek(0)
-            os.write(2, b"".join(line for line in caught if EXPECTED not in line))
+            with suppress(OSError):  # nobody reads it
+                os.write(2, b"".join(line for line in caught if EXPECTED not in line))

@@ -56,13 +56,15 @@ def _not_of(*kinds: type) -> BeforeValidator:
 
 
 def _nameable(path: Path) -> Path:
-    """Return the path; ValueError for one that no file can have."""
-    if "\0" in str(path):
-        raise ValueError("must be the name of a file")
+    """Return the path; ValueError for one that no file can have, or that is not in UTF-8."""
     try:
-        path.exists()
-    except OSError as error:
-        raise ValueError(f"must be the name of a file ({error.strerror})") from None
+        str(path).encode()
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return path
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or "it is not in UTF-8"
+        raise ValueError(f"must be the name of a file ({why})") from None
     return path
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swe_sphere.equations.scene import Scene
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, shown
 from swe_sphere.files.fingerprints import SCENE_FILE, file_fingerprint
 from swe_sphere.files.user_file import cause, check_trusted, file_contents, is_user_file
 from swe_sphere.mesh import Mesh
@@ -40,6 +40,8 @@ INHERITED = RunConfig.model_fields.keys() - {
 """Fields of the configuration that a resumed run inherits unless they are given."""
 
 
+LONGEST_NAME = 200
+"""Bytes that the name of a file may have, so that the names of the files beside it fit too."""
 CODE = ("stepper", "preconditioner")
 """Inherited fields that may name a Python file."""
 
@@ -70,6 +72,10 @@ def check_paths(config: RunConfig) -> None:
             continue
         from swe_sphere.io.growing import SUFFIX, is_store
 
+        if len(path.name.encode()) > LONGEST_NAME:
+            raise ConfigError(
+                f"{name}: {shown(path.name)} is too long: take at most {LONGEST_NAME} bytes"
+            )
         if path.is_dir() and not (path.suffix == SUFFIX and is_store(path)):
             raise ConfigError(f"{name}: {path} is a folder: give the name of a file in it")
         if not path.parent.is_dir():
@@ -226,8 +232,11 @@ class Restart:
     @property
     def counts(self) -> dict[str, float]:
         """Counters and seconds of the earlier run."""
-        found = {k: np.asarray(x).item() for k, x in self.arrays.items() if k.startswith(COUNTER)}
-        return {name.removeprefix(COUNTER): count for name, count in found.items()}
+        found = {k: np.asarray(x) for k, x in self.arrays.items() if k.startswith(COUNTER)}
+        for name, x in found.items():
+            if x.size != 1 or x.dtype.kind not in "iuf" or not np.isfinite(x):
+                raise ConfigError(f"{self.path} is damaged, its arrays do not fit: {name}")
+        return {name.removeprefix(COUNTER): x.item() for name, x in found.items()}
 
 
 def read_restart(config: RunConfig) -> Restart | None:

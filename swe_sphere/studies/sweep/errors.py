@@ -60,7 +60,7 @@ class Evaluator:
             study = self._study
             integrator = study.integrator(study.at(*key), STEPPER)
             longest = 2.0 * PART * integrator.stable_dt
-            twice = study.steps(min(longest, study.interval))
+            twice = study.steps(min(longest, study.interval), automatic=True)
             once = replace(twice, dt=0.5 * twice.dt, steps=2 * twice.steps,
                            frame_steps=2 * twice.frame_steps)  # fmt: skip
             coarse, fine = (

@@ -174,9 +174,12 @@ class Study:
         chosen = {"stepper": stepper, **options}
         return Integrator(space.config.model_copy(update=chosen), space, self)
 
-    def steps(self, dt: float) -> RunPlan:
-        """Steps of at most dt [s] that meet all report times; ConfigError where no step does."""
-        return time_plan(self.days, self.interval / 3600.0, dt)
+    def steps(self, dt: float, automatic: bool = False) -> RunPlan:
+        """Steps of at most dt [s] that meet all report times; ConfigError where no step does.
+
+        automatic: whether nobody gave dt, which may then be shortened as much as they require.
+        """
+        return time_plan(self.days, self.interval / 3600.0, dt, automatic=automatic)
 
     def references(self, role: Role) -> tuple[str, ...]:
         """What the errors of a run are taken against: part of its identity."""
