@@ -240,3 +240,15 @@ def test_a_run_without_depth_has_a_picture(tmp_path):
     asked = {"scene": "williamson5", "ne": 2, "np": 4, "days": 0.1, "fields": "u,v"}
     asked |= {"out": tmp_path / "run.nc", "plot": tmp_path / "run.png"}
     assert run(make_config(asked)).exit_status == 0 and (tmp_path / "run.png").exists()
+
+
+def test_a_cell_of_a_notebook_can_be_run_again(tmp_path):
+    sim = Simulation("williamson6", ne=2, np=4, dt=1800.0)
+    first, again = (sim.run(days=0.25, out=tmp_path / "a.nc", overwrite=True) for _ in range(2))
+    names = ("steps", "days", "rhs_evaluations", "energy_drift", "status")
+    assert [first[name] for name in names] == [again[name] for name in names]
+    sim.step()
+    assert "day 0.2708 of 0.2708 days" in repr(sim)
+    sim.reset()
+    assert (sim.steps, sim.time, sim.summary.status) == (0, 0.0, "not begun")
+    assert sim.run(days=0.25)["energy_drift"] == first["energy_drift"]

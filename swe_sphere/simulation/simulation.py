@@ -403,6 +403,16 @@ class Simulation:
         return 0.0 if self._stepper is None else round(self._stepper.time, 6)
 
     @exclusive
+    def reset(self) -> None:
+        """Return to the initial state, or to the state of the checkpoint that was resumed."""
+        self._stepper = self._plan = self._snapshot = None
+        self._lengths, self._spent, self._counted = [], {}, dict(self.model.counters)
+        self.wall_seconds = self.cpu_seconds = 0.0
+        self.outcome, self.config = Summary("not begun"), self._configured
+        if self._restart is not None and self._restart.steps:
+            self._plan = self._restart.plan(self.config.dt)
+            self._start_stepper()
+
     def step(self) -> None:
         """Take one step; RunFailed where it cannot be taken."""
         self._begin_once()
@@ -492,7 +502,7 @@ class Simulation:
             callbacks: functions of the simulation, called after every step or when `every` says;
                 or observers.
             time_limit: wall time that the run may take [s], start-up and writing included.
-            overwrite: replace an existing file `out`.
+            overwrite: replace an existing file `out`; a run that has reached its end begins again.
             progress: whether to show a bar; None: in a notebook or on a terminal.
             warn: called with each warning; None: `warnings.warn`.
             raises: whether a signal that ended the run takes effect after it.
@@ -514,6 +524,9 @@ class Simulation:
         config = make_config(kept | asked)
         observers = read_callbacks(callbacks)
         self.comm.on_root(lambda: check_paths(config))
+        days = self.scene.days if config.days is None else config.days
+        if overwrite and self.steps and days * DAY <= self.time + 1e-6:
+            self.reset()
         self.config = config
         self._check_reference()
         calls = [each for each in observers if isinstance(each, Callback)]
@@ -745,7 +758,8 @@ class Simulation:
         where = "not begun" if self._stepper is None else f"day {self.time / DAY:.4g}"
         return (
             f"Simulation({self.scene.name!r}, ne={self.mesh.ne}, np={self.mesh.np},"
-            f" stepper={self.config.stepper!r}: {where} of {self.days:g} days)"
+            f" stepper={self.config.stepper!r}: {where} of"
+            f" {max(self.days, self.time / DAY):.4g} days)"
         )
 
     def _repr_html_(self) -> str:
