@@ -1,6 +1,6 @@
 """What each effect costs: arrays, loads, operations and time of one right-hand side.
 
-    python benchmarks/effect_cost.py [--rounds 25] [--write docs/effects.md]
+    python benchmarks/effect_cost.py [--rounds 25] [--steps] [--write docs/effects.md]
 
 Arrays, loads and operations are counted in the generated code (`generated.py`); times are CPU times
 of batches that alternate with and without the effect, so that a busy moment of the machine meets
@@ -27,6 +27,7 @@ from rich.table import Table
 
 from swe_sphere.equations.effects import (
     Drag,
+    EdgePenalty,
     Forcing,
     Hyperviscosity,
     Linearised,
@@ -40,12 +41,18 @@ from swe_sphere.equations.scene import Scene
 from swe_sphere.files.fingerprints import machine
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import Launcher
+from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene
 
 NE, NP = 16, 4
 BATCH = 0.02
 """Time of one batch [s]."""
 START, END = "<!-- table -->", "<!-- end of table -->"
+STEPS_START, STEPS_END = "<!-- steps -->", "<!-- end of steps -->"
+MESHES = ((4, 5), (16, 4), (8, 8))
+STEPPED = ("rk4", "forward-backward", "leapfrog", "semi-implicit", "bdf2")
+STEPS_HEAD = ("stepper", *(f"ne{ne} np{np_}" for ne, np_ in MESHES))
+HOUR = 3600.0
 HEAD = ("effect", "compared with", "kernels", "arrays", "loads", "flops", "time")
 
 
@@ -73,6 +80,7 @@ def cases() -> Iterator[tuple[str, str, Scene, Scene | None]]:
         "linearised": replace(plain, effects=(*plain.effects, Linearised()), base=plain.initial),
         "viscosity": plain.with_effect(Viscosity(1e5)),
         "hyperviscosity": plain.with_effect(Hyperviscosity()),
+        "edge-penalty": plain.with_effect(EdgePenalty()),
         "tracers, one": replace(
             plain, effects=(*plain.effects, Tracers()), tracers={"q": lambda lon, lat: np.cos(lat)}
         ),
@@ -108,6 +116,35 @@ class Measured:
         for i in range(self._times):
             self._model.tendency(self._state, float(i), self._out)
         return (time.process_time() - start) / self._times
+
+
+def step_ratio(name: str, ne: int, np_: int, rounds: int) -> str:
+    """CPU time of a step of williamson5 with the edge penalty over that without it, interleaved.
+
+    The steps are automatic ones, at most an hour long; a batch has whole cycles of the penalty.
+    """
+    mesh, scene, kind = Mesh.build(ne, np_), get_scene("williamson5"), STEPPERS[name]
+    models = [Model(mesh, each) for each in (scene.with_effect(EdgePenalty()), scene)]
+    limits = [kind.limit(kind.spectrum(model, model.initial_state())) for model in models]
+    assert limits[0] >= 0.97 * limits[1]
+    pair = [kind(model, min(HOUR, kind.safety * limits[1])) for model in models]
+    for model, stepper in zip(models, pair, strict=True):
+        stepper.start(model.initial_state())
+    cycle = pair[0].penalty.every if pair[0].penalty else 8
+    times = [[seconds_of(stepper, cycle) for stepper in pair] for _ in range(rounds + 2)][2:]
+    least = [min(of) for of in zip(*times, strict=True)]
+    median = statistics.median(first / second for first, second in times)
+    return f"× {median:.2f} (least {least[0] / least[1]:.2f})"
+
+
+def seconds_of(stepper: Any, cycle: int) -> float:
+    """CPU time of a step, over at least one cycle."""
+    steps, start = 0, time.process_time()
+    while steps == 0 or time.process_time() - start < BATCH:
+        for _ in range(cycle):
+            stepper.step()
+        steps += cycle
+    return (time.process_time() - start) / steps
 
 
 def recorded(model: Model) -> list[tuple[Any, int, tuple[Any, ...]]]:
@@ -183,9 +220,13 @@ class Row:
 def main(
     rounds: Annotated[int, typer.Option(min=3, help="Batches a row.")] = 25,
     write: Annotated[Path | None, typer.Option(help="Also replace the table of this page.")] = None,
+    steps: Annotated[bool, typer.Option("--steps", help="Only steps with the penalty.")] = False,
 ) -> None:
-    """Measure and print the table."""
+    """Measure and print the tables."""
     wp.config.log_level = wp.LOG_WARNING
+    if steps:
+        penalised_steps(rounds, write)
+        return
     with TemporaryDirectory() as cache:
         wp.config.kernel_cache_dir = cache
         rows = [
@@ -200,16 +241,33 @@ def main(
         table.add_row(*row.cells())
     Console(width=140).print(table)
     if write:
-        _replace_table(write, [row.cells() for row in rows], rounds)
+        note = "± half the interquartile range"
+        _replace_table(write, (START, END), HEAD, [row.cells() for row in rows], rounds, note)
+        penalised_steps(rounds, write)
 
 
-def _replace_table(page: Path, rows: list[list[str]], rounds: int) -> None:
-    lines = [HEAD, tuple("---" for _ in HEAD), *rows]
+def penalised_steps(rounds: int, write: Path | None = None) -> None:
+    """Measure and print what a step with the edge penalty costs."""
+    rows = [[name, *(step_ratio(name, *mesh, rounds) for mesh in MESHES)] for name in STEPPED]
+    table = Table(*STEPS_HEAD)
+    for row in rows:
+        table.add_row(*row)
+    Console(width=140).print(table)
+    if write:
+        ends = STEPS_START, STEPS_END
+        _replace_table(write, ends, STEPS_HEAD, rows, rounds, "and the ratio of the least times")
+
+
+def _replace_table(
+    page: Path, ends: tuple[str, str], head: tuple[str, ...], rows: list[list[str]], rounds: int,
+    note: str,
+) -> None:  # fmt: skip
+    lines = [head, tuple("---" for _ in head), *rows]
     text = page.read_text()
-    before, after = text.split(START)[0], text.split(END)[1]
-    note = f"Median of {rounds} alternating batches, ± half the interquartile range. {machine()}."
+    before, after = text.split(ends[0])[0], text.split(ends[1])[1]
+    note = f"Median of {rounds} alternating batches, {note}. {machine()}."
     body = "\n".join("| " + " | ".join(line) + " |" for line in lines)
-    page.write_text(f"{before}{START}\n{body}\n\n{note}\n{END}{after}")
+    page.write_text(f"{before}{ends[0]}\n{body}\n\n{note}\n{ends[1]}{after}")
 
 
 if __name__ == "__main__":

@@ -136,7 +136,7 @@ def _weighted(geo: geometry, w: winds, d1: pair, d2: pair, e: int, n: int):
     return r
 
 
-derivatives = Formula(winds, wind, pair, _wind_components, _weighted, 2)
+derivatives = Formula(winds, wind, pair, _wind_components, _weighted, 2, to_edges=True)
 """gamma W J times divergence and vorticity of the wind x at edges of elements."""
 
 

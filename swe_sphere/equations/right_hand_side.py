@@ -40,12 +40,13 @@ class Operation(NamedTuple):
 
 COMPONENTS: Mapping[str, str | None] = {
     "all": "rhs_evaluations", "conservative": "rhs_evaluations", "dissipative": None,
-    "diffusive": None, "tangent": "tangent_evaluations",
+    "diffusive": None, "penalising": None, "tangent": "tangent_evaluations",
 }  # fmt: skip
 """The components by name, and the counter of each.
 
 "all" is the sum of "conservative" and "dissipative".  "diffusive" is the viscosity and the
-hyperviscosity in "dissipative".  "tangent" is the derivative of "all" at a base along a direction.
+hyperviscosity in "dissipative", and "penalising" the edge penalty.  "tangent" is the derivative of
+"all" at a base along a direction.
 """
 
 
@@ -106,11 +107,7 @@ def fluid_operations(
     operations += term_operations(model, terms, point, given, stage, source)
     if "edge-penalty" in _flags(model.scene, component):
         penalty, factor = model.edge_penalty, 1.0 if stage is None else stage.tau
-
-        def penalise(x: wp.array, out: wp.array) -> None:
-            penalty(x, factor, out)
-
-        operations.append(Operation(penalise, source))
+        operations.append(Operation(lambda x, out: penalty(x, factor, out), source))
     return operations
 
 
@@ -176,6 +173,7 @@ def acting(scene: Scene, component: str) -> list[Effect]:
         "conservative": lambda effect: not effect.dissipation,
         "dissipative": lambda effect: effect.dissipation,
         "diffusive": lambda effect: effect.diffuses,
+        "penalising": lambda effect: effect.name == "edge-penalty",
         "tangent": lambda effect: not effect.constant,
     }
     return [*filter(acts[component], scene.effects)]
@@ -184,8 +182,8 @@ def acting(scene: Scene, component: str) -> list[Effect]:
 def _flags(scene: Scene, component: str) -> set[str]:
     flags = {flag for effect in acting(scene, component) for flag in effect.terms}
     flags |= {flag for effect in scene.effects for flag in effect.everywhere}
-    own = {"dissipative": {"still"}, "diffusive": {"still"}, "tangent": {"tangent"}}
-    return flags | own.get(component, set())
+    damping = component in ("dissipative", "diffusive", "penalising")
+    return flags | ({"still"} if damping else {component} & {"tangent"})
 
 
 def _point_term(effect: PointwiseEffect, known: Mapping[str, Any], tangent: bool) -> PointTerm:

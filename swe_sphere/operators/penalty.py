@@ -7,13 +7,14 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.kernels import Terms
-from swe_sphere.kernels.assembly import assemble_blocks
+from swe_sphere.kernels.assembly import assemble_blocks, finish_rates
 from swe_sphere.kernels.diffusion import derivatives, weak_form
 from swe_sphere.kernels.local import field_kernel
+from swe_sphere.kernels.pointwise import NO_POINTWISE, pointwise_sum
 from swe_sphere.kernels.simd.stages import stage_struct
-from swe_sphere.operators.device_mesh import DeviceMesh, Field
+from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.diagnose import assemble
-from swe_sphere.operators.launch import Launcher, in_runs
+from swe_sphere.operators.launch import REMEMBERED, Launcher, in_runs
 
 
 class EdgePenaltyOperator:
@@ -24,11 +25,12 @@ class EdgePenaltyOperator:
 
     def __init__(self, mesh: DeviceMesh, launch: Launcher, strength: Array) -> None:
         self._mesh, self._launch = mesh, launch
-        types = mesh.types(terms=Terms(jumps=True))
-        self._derivatives, self._weak_form = kernels = [
-            field_kernel(types, formula) for formula in (derivatives, weak_form)
-        ]
-        launch.load(*kernels)
+        terms, direct = Terms(jumps=True), mesh.lanes > 1
+        types = mesh.types(terms=terms, point=pointwise_sum(2, NO_POINTWISE) if direct else None)
+        finish = finish_rates(types, 2) if direct else None
+        self._derivatives = field_kernel(types, derivatives)
+        self._weak_form = field_kernel(types, weak_form, finish)
+        launch.load(self._derivatives, self._weak_form)
         at_edge = np.ones((mesh.mesh.np, mesh.mesh.np))
         at_edge[1:-1, 1:-1] = 0.0
         gamma = strength[:, None, None] * at_edge
@@ -39,30 +41,50 @@ class EdgePenaltyOperator:
         self._mean_scale = mesh.scatter(scale)
         self._jumps, self._weak = mesh.local(2, types.value), mesh.local(2, types.value)
         self._means = wp.zeros(2 * mesh.size, dtype=mesh.real, device=mesh.device)
-        given = {
+        self._kind, self._given = types.geometry, {
             "strength": mesh.on_elements(gamma[mesh.part.elements]), "jumps": self._jumps.values,
+            "point": types.point and types.point.structure.find(types)(), "stage": mesh.stage,
         }  # fmt: skip
+        self._geometry = mesh.geometry(self._kind, self._given)
         transposed = mesh.upload(np.ascontiguousarray(mesh.mesh.derivative.T))
-        self._geometry = mesh.geometry(types.geometry, given)
-        self._transposed = mesh.geometry(types.geometry, given | {"derivative": transposed})
-        self._sums = in_runs(launch, assemble_blocks, mesh.real, mesh.lanes, *mesh.spans())
+        self._given |= {"derivative": transposed}
+        self._stages: dict[Any, tuple[Any, Any]] = {}
+        run = launch, assemble_blocks, mesh.real, mesh.lanes
+        shared = int(np.count_nonzero(mesh.part.counts == 1))
+        self._mean_sums = in_runs(*run, *mesh.spans(shared))
+        self._sums = in_runs(*run, *mesh.spans(mesh.inner if direct else 0))
 
-    def __call__(self, x: wp.array, factor: float, out: wp.array) -> None:
-        """Add `factor` times the penalty of the wind of x to the wind of `out`."""
+    def __call__(
+        self, x: wp.array, factor: float, out: wp.array, start: wp.array | None = None
+    ) -> None:
+        """Make the wind of `out` that of `start` plus `factor` times the penalty of the wind of x.
+
+        `start` is `out` by default; all three may be the same array.
+        """
         mesh, means = self._mesh, self._means
         threads, jumps, weak = mesh.threads(1), self._jumps, self._weak
+        shape = mesh.lanes, mesh.size, 2, 0
+        stage, geometry = self._stage_of(factor, out, start)
         mesh.sweep(self._launch, jumps)(
             self._derivatives, threads, self._geometry, x, x, 0, 1, jumps.values, x
         )
-        self._assemble(self._mean_scale, jumps, mesh.stage, means)
+        for launch in self._mean_sums:
+            launch(mesh.places(2), self._mean_scale, *shape, jumps.flat, mesh.stage, means)
         mesh.sweep(self._launch, weak)(
-            self._weak_form, threads, self._transposed, means, means, 0, 1, weak.values, means
+            self._weak_form, threads, geometry, means, means, 0, 1, weak.values, out
         )
-        added = stage_struct(mesh.real)()
-        added.on, added.start, added.tau = True, out, factor
-        self._assemble(mesh.inverse_area, weak, added, out)
-
-    def _assemble(self, scale: wp.array, local: Field, stage: Any, out: wp.array) -> None:
-        mesh = self._mesh
         for launch in self._sums:
-            launch(mesh.places(2), scale, mesh.lanes, mesh.size, 2, 0, local.flat, stage, out)
+            launch(mesh.places(2), mesh.inverse_area, *shape, weak.flat, stage, out)
+
+    def _stage_of(self, factor: float, out: wp.array, start: wp.array | None) -> tuple[Any, Any]:
+        """Return the stage that writes `out`, and the geometry with it; the same ones each time."""
+        start = out if start is None else start
+        key = factor, out.ptr, start.ptr
+        if key not in self._stages:
+            if len(self._stages) >= REMEMBERED:
+                self._stages.clear()
+            stage = stage_struct(self._mesh.real)()
+            stage.on, stage.start, stage.tau = True, start, factor
+            geometry = self._mesh.geometry(self._kind, self._given | {"stage": stage})
+            self._stages[key] = stage, geometry
+        return self._stages[key]

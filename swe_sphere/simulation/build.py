@@ -207,7 +207,8 @@ def needed_memory(config: RunConfig, scene: Scene, ne: int, np: int) -> float:
     beyond = max(0, np - nodes[-1]) / (nodes[-1] - nodes[-2])
     node: float = numpy.interp(np, nodes, row) + beyond * (row[-1] - row[-2])
     node *= 1.0 + MEMORY["tracer"] * len(scene.tracers or ())
-    node += MEMORY["diffusion"] if any(effect.diffuses for effect in scene.effects) else 0.0
+    apart = any(e.diffuses or e.name == "edge-penalty" for e in scene.effects)
+    node += MEMORY["diffusion"] if apart else 0.0
     program: float = MEMORY["program"]
     return program + node * 6.0 * (ne * np) ** 2 + _memory_of_factors(config, scene, ne, np)
 

@@ -140,7 +140,7 @@ class HealthCheck(Observer):
         dt, limit = self._sim.plan.dt, self._sim.stable_dt()
         advice = "take a smaller dt"
         if dt <= limit:
-            advice = "try a finer mesh, a smaller dt or more dissipation (edge-penalty.c=0.01)"
+            advice = "try a finer mesh, a smaller dt or more dissipation (edge-penalty.c=default)"
         return Unstable(
             f"{failure} at day {snapshot.time / DAY:.4g} (step {snapshot.steps}): dt = {dt:.6g} s,"
             f" stability limit at the start about {limit:.4g} s; {advice}"

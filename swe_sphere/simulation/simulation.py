@@ -556,7 +556,7 @@ class Simulation:
             warnings.warn(text, stacklevel=5)
 
     def _warn_of_run(self) -> None:
-        """Warn of a restart by other code, and of a step that is too long."""
+        """Warn of a restart by other code, a step that is too long and computational modes."""
         resumed, dt, limit = self._restart, self.plan.dt, self.stable_dt()
         if resumed is not None and resumed.attributes.get("code") != code_fingerprint():
             self.warn(
@@ -567,6 +567,11 @@ class Simulation:
             self.warn(
                 f"dt = {dt:.6g} s is {dt / limit:.3g} times the stability limit of"
                 f" {self.config.stepper}, {limit:.4g} s: expect the run to blow up"
+            )
+        if self.days * DAY > (growth := self.model.growth_time):
+            self.warn(
+                f"{self.scene.name} has no dissipation: computational modes grow tenfold in about"
+                f" {growth / DAY:.2g} days; damp them by --set edge-penalty.c=default"
             )
 
     # --- the state and its numbers

@@ -26,11 +26,14 @@ class SplitExplicit(FlowLimited):
     """
 
     holds_damping = True
+    _winds: Any
+    """Weights of the levels in the winds of `pushed`."""
 
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)
         self._passes = Passes(self.model)
         self._altered = self.diffusion is not None or self.model.limiter is not None
+        self.wind_changed = lambda change: self._passes.follow(change, self._winds)
 
 
 def level_weights(wind: float, mass: float, gamma: float) -> tuple[Triple, Triple, Triple]:
@@ -145,7 +148,7 @@ class ForwardBackwardRK3(SplitExplicit):
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)
         self._stage = model.zeros()
-        self._last = self._passes.weights(1.0, 0.0, 0.0)
+        self._last = self._winds = self._passes.weights(1.0, 0.0, 0.0)
         self._mixes = [self._passes.weights(*row) for row in self._rows()]
 
     @classmethod

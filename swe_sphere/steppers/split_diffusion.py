@@ -1,18 +1,22 @@
-"""Viscosity and hyperviscosity on their own, so that they limit no step.
+"""Viscosity, hyperviscosity and the edge penalty on their own, so that they limit no step.
 
-They are linear, symmetric and cheap to keep stable: a Runge-Kutta-Legendre method of s stages
-damps all modes up to a rate times step of (s² + s - 2)/2 (Meyer, Balsara & Aslam 2014,
+The first two are linear, symmetric and cheap to keep stable: a Runge-Kutta-Legendre method of s
+stages damps all modes up to a rate times step of (s² + s - 2)/2 (Meyer, Balsara & Aslam 2014,
 doi:10.1016/j.jcp.2013.08.021, section 2.2: RKL2, of second order).  Where first order will do and
 the step is short enough for it, one stage of Euler's is half of that.
+
+The edge penalty removes modes that grow in days, so that it need not act in every step.
 """
 
 import math
+from collections.abc import Callable
 
 import warp as wp
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.simd.stages import diffusive_stage
+from swe_sphere.kernels.vectors import add_1
 from swe_sphere.operators.launch import Span, in_runs
 from swe_sphere.operators.replay import Replay
 
@@ -22,6 +26,11 @@ damped at its end."""
 ONE_STAGE = 1.24
 """Rate times step up to which one stage is taken.  Modes beyond 1 change their sign; at 0.97 of its
 limit `forward-backward` amplifies waves of which less than -0.24 is left, at 0.95 it does not."""
+LONGEST_CYCLE = 24
+"""Most steps between two actions of the edge penalty, which are also at most 1.5 radians of
+inertial oscillations apart: the modes that it removes are such oscillations."""
+MOST_PARTS = 50
+"""So many actions of the edge penalty follow each other at most."""
 MOST_STAGES = 1000
 """So many even out whole elements in a step."""
 
@@ -110,3 +119,53 @@ class Diffusion:
         c = held * (a + b)
         for combine in self._combinations:
             combine(x, last, mu, before, nu, rate, a, first, b, slope, c, change, y)
+
+
+class SplitPenalty:
+    """The edge penalty in steps of dt [s]: it acts on the newest level in the middle of a cycle.
+
+    A cycle has an even number of steps, `every`.  With `chains` None the midpoint rule is used.
+    Else Euler's is, on as many levels in turn as do not follow from each other; there the penalty
+    must be weak enough to leave waves near the limit of the step alone.
+    """
+
+    def __init__(self, model: Model, dt: float, chains: int | None) -> None:
+        self._model, self._second_order = model, chains is None
+        self._chains = chains or 1
+        reach, whole = {None: (1.5, 1.5), 1: (0.7, 1.0), 2: (0.5, 1.0)}[chains]
+        radius, rotation = model.penalty_radius, abs(model.scene.planet.rotation)
+        longest = min(reach / radius, 0.75 / rotation if rotation else math.inf)
+        self.every = max(2, 2 * int(min(longest / (2.0 * dt), LONGEST_CYCLE // 2)))
+        needed = self.every * dt * radius / whole
+        if not needed <= MOST_PARTS:
+            raise ConfigError(
+                f"edge-penalty.c is {needed / MOST_PARTS:.2g} times what steps of {dt:.4g} s allow:"
+                " take a smaller c, or a shorter step"
+            )
+        self._parts = max(1, math.ceil(needed))
+        self._tau = self.every * dt / self._parts
+        self._middle, self._change = model.zeros(), model.zeros(2 * model.device_mesh.size)
+        (self._add,) = model.launch.compile(model.device_mesh.real, add_1)
+        self._replay = Replay(model.launch)
+
+    def is_due(self, steps: int) -> bool:
+        """Whether the penalty acts before the next step, after that many steps."""
+        return (steps - self.every // 2) % self.every < self._chains
+
+    def act(self, state: wp.array, follow: Callable[[wp.array], None] | None = None) -> None:
+        """Damp the wind of the state; `follow` receives the change of the wind (2N,)."""
+        self._replay(state.ptr, self._act, state, follow)
+
+    def _act(self, x: wp.array, follow: Callable[[wp.array], None] | None) -> None:
+        penalise, tau, point = self._model.penalise, self._tau, x
+        launch, add, change = self._model.launch, self._add, self._change
+        if follow is not None:
+            launch(add, change.size, x, x, 0.0, change)
+        for _ in range(self._parts):
+            if self._second_order:
+                point = self._middle
+                penalise(x, 0.5 * tau, point, x)
+            penalise(point, tau, x, x)
+        if follow is not None:
+            launch(add, change.size, x, change, -1.0, change)
+            follow(change)

@@ -19,7 +19,7 @@ from swe_sphere.files.user_file import is_custom
 from swe_sphere.operators.replay import Replay
 from swe_sphere.ranks.limits import one_thread
 from swe_sphere.settings.registry import Registry
-from swe_sphere.steppers.split_diffusion import Diffusion
+from swe_sphere.steppers.split_diffusion import Diffusion, SplitPenalty
 from swe_sphere.steppers.stability import GROWTH_TIME, Complex, largest_step
 from swe_sphere.steppers.stage_solver import StageSolver
 
@@ -138,9 +138,10 @@ class Stepper(Trajectory, ABC):
     """Time integrator of a model with a fixed step dt [s].
 
     A method defines `advance`, which changes `state` in place, and `growth`, from which its longest
-    stable step follows.  With `diffusion_apart` its `model` has no viscosity and no hyperviscosity:
-    `diffusion` steps them, after even steps and before odd ones, which is Strang's splitting of two
-    steps and of second order.
+    stable step follows.  With `diffusion_apart` its `model` has no viscosity, no hyperviscosity and
+    no edge penalty: `diffusion` steps the first two, after even steps and before odd ones, which is
+    Strang's splitting of two steps and of second order; the `penalty` acts in the middle of longer
+    cycles.
     """
 
     family: ClassVar[Family] = "explicit"
@@ -149,7 +150,7 @@ class Stepper(Trajectory, ABC):
     style: ClassVar[tuple[str, Marker] | None] = None
     """Colour and marker in pictures; None: whatever is free."""
     diffusion_apart: bool = True
-    """True if diffusion is applied separately, so that it does not limit the step."""
+    """True if diffusion and edge penalty are applied separately, so that they limit no step."""
     diffusion_steps: ClassVar[int | None] = None
     """Steps over which `advance` has `diffusion` join its change; None: `step` splits it off."""
     diffusion_order: ClassVar[int] = 2
@@ -198,9 +199,14 @@ class Stepper(Trajectory, ABC):
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)
         self.diffusion: Diffusion | None = None
-        if model.diffusive and self.diffusion_apart:
-            whole = dt * (self.diffusion_steps or 1)
-            self.diffusion = Diffusion(model, whole, self.diffusion_order)
+        self.penalty: SplitPenalty | None = None
+        self.wind_changed: Callable[[wp.array], None] | None = None  # of the change (2N,)
+        if self.diffusion_apart:
+            if model.diffusive:
+                whole = dt * (self.diffusion_steps or 1)
+                self.diffusion = Diffusion(model, whole, self.diffusion_order)
+            if model.penalised:
+                self.penalty = SplitPenalty(model, dt, self.diffusion_steps)
             self.model = model.inviscid
         self._apart = self.diffusion if self.diffusion_steps is None else None
         self._replay: Replay | None = None
@@ -231,6 +237,8 @@ class Stepper(Trajectory, ABC):
     def step(self) -> None:
         apart, limiter = self._apart, self.model.limiter
         with nullcontext() if self.solver is None else one_thread():
+            if self.penalty is not None and self.penalty.is_due(self.steps):
+                self.penalty.act(self.state, self.wind_changed)
             if apart is not None and self.steps % 2:
                 apart.act(self.state)
             if self._replay is None or self.steps < (self.repeats_from or 0):
@@ -300,7 +308,10 @@ class Stepper(Trajectory, ABC):
         if cls.holds_damping and model.inviscid.dissipative:
             return 1
         apart = cls.diffusion_apart or options.get("diffusion") == "apart"
-        return min(cls.order, cls.diffusion_order) if model.diffusive and apart else cls.order
+        if model.penalised and apart and cls.diffusion_steps:
+            return 1
+        limited = apart and (model.diffusive or model.penalised)
+        return min(cls.order, cls.diffusion_order) if limited else cls.order
 
     def solver_tolerance(self, tolerance: float | None) -> float:
         """The tolerance of the solver, or the default of the method."""
