@@ -11,7 +11,6 @@ with status 0 though its input is wrong.
 
 from __future__ import annotations
 
-import argparse
 import io
 import json
 import os
@@ -314,13 +313,11 @@ def sound_run(folder: Path) -> None:
         sim.run(days=0.0625, every=0.5, out=folder / name, progress=False)
 
 
-def main() -> int:
-    """Print a table of cases by kind, and every case that fails; return how many do."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--cases", type=int, default=2000)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", default="")
-    asked = parser.parse_args()
+def main(cases: int = 2000, seed: int = 1, only: str = "") -> None:
+    """Print a table of cases by kind, and every case that fails; the exit status is their number.
+
+    only: part of the names of the kinds to try.
+    """
     warnings.simplefilter("ignore")
     plot.ROWS, plot.DOTS_PER_INCH = 19, 30
     commands = typer.main.get_command(program.program())
@@ -330,11 +327,11 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         home = Path(name)
         sound_run(home / "sound")
-        attack = Attack(asked.seed, home / "sound")
+        attack = Attack(seed, home / "sound")
         kinds: list[Callable[[Attack], Case]] = [
-            kind for kind in Attack.KINDS if asked.only in kind.__name__
+            kind for kind in Attack.KINDS if only in kind.__name__
         ]
-        for number in range(asked.cases):
+        for number in range(cases):
             place = home / f"case{number}"
             place.mkdir()
             os.chdir(place)
@@ -354,8 +351,8 @@ def main() -> int:
             shutil.rmtree(place, ignore_errors=True)
     for kind, count in tried.items():
         sys.stdout.write(f"| {kind} | {count} | {failed[kind]} |\n")
-    return min(failed.total(), 100)
+    raise typer.Exit(min(failed.total(), 100))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    typer.run(main)

@@ -40,7 +40,7 @@ DAMPED = ((5, 4), (10, 4))
 TREATMENTS = {
     "nothing": (),
     "limiter": ("tracers.limiter=true",),
-    "hyperviscosity": ("hyperviscosity.nu=default",),
+    "hyperviscosity": ("hyperviscosity.factor=30",),
 }
 TARGET = 0.033
 """The l2 error of the cosine bells that defines the minimal resolution."""
@@ -284,7 +284,7 @@ CASE_4 = """## Deformational flow, case 4
 
 A background flow carries the tracers once around the planet, so that errors cannot reverse. `--set
 tracers.limiter=true` returns every mixing ratio to its initial bounds after each step. `--set
-hyperviscosity.nu=default` damps unresolved scales in depth and tracers. Without either, the noise
+hyperviscosity.factor=30` damps unresolved scales in depth and tracers. Without either, the noise
 of lost filaments remains. Under- and overshoots are those of the slotted cylinders; mass is the
 largest relative drift of the four tracers.
 

@@ -312,7 +312,7 @@ def turbulence(
         title="decaying turbulence",
         reference="after Cho & Polvani (1996), Phys. Fluids 8, 1531-1552, doi:10.7916/D8DJ5RSK "
         "(copy); spectrum of Yoden & Yamada (1993), J. Atmos. Sci. 50, 631-644",
-        effects=(*DYNAMICS, *((Rotation(),) if rotating else ()), Hyperviscosity()),
+        effects=(*DYNAMICS, *((Rotation(),) if rotating else ()), Hyperviscosity(factor=30.0)),
         initial=initial,
         planet=planet,
     )

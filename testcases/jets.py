@@ -118,7 +118,7 @@ def relaxed_jet(time: float = 10.0, perturbed: bool = True) -> Scene:
         reference="proposed here, after Held & Suarez (1994), Bull. Amer. Meteor. Soc. 75, "
         "1825-1830, doi:10.1175/1520-0477(1994)075<1825:APFTIO>2.0.CO;2; "
         "jet of Galewsky, Scott & Polvani (2004), doi:10.3402/tellusa.v56i5.14436",
-        effects=(*DYNAMICS, Rotation(), Relaxation(time * DAY), Hyperviscosity()),
+        effects=(*DYNAMICS, Rotation(), Relaxation(time * DAY), Hyperviscosity(factor=30.0)),
         initial=initial,
         equilibrium=lambda lon, lat: flow(lon, lat, 0.0)[2],
     )

@@ -181,7 +181,7 @@ def modons() -> Scene:
         title="colliding modons",
         reference="Lin, Chen & Yao (2017), J. Adv. Model. Earth Syst. 9, 2483-2492, "
         "doi:10.1002/2017MS000965",
-        effects=(*DYNAMICS, Hyperviscosity()),
+        effects=(*DYNAMICS, Hyperviscosity(factor=30.0)),
         initial=initial,
         planet=STILL,
     )

@@ -122,9 +122,9 @@ def test_another_warp_is_left_as_it_is(monkeypatch, tmp_path, owner, name, metho
         assert not [*tmp_path.iterdir()]
         assert context.runtime.__dict__.get("get_clang_pch_dir") is kept
         kernel = combine_kernel(wp.float64, 1)
-        assert not Launcher("cpu")._is_cached(kernel.module)
+        assert not Launcher("cpu")._cached(kernel.module).exists()
         (tmp_path / kernel.module.get_module_identifier(1)).mkdir()
-        assert Launcher("cpu")._is_cached(kernel.module)
+        assert Launcher("cpu")._cached(kernel.module).exists()
 
 
 def test_each_installation_has_its_own_compiled_headers(tmp_path, monkeypatch):

@@ -297,7 +297,7 @@ def test_the_diagnostics_of_the_page_appear_in_the_file(here, capsys):
     [
         ("x = 1\n", "defines no diagnostic"),
         ("x = = 1\n", "SyntaxError"),
-        (None, "no diagnostic file"),
+        (None, "cannot read mine.py: No such file"),
     ],
 )
 def test_files_without_diagnostics_are_one_line(here, text, word):

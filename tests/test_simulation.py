@@ -216,7 +216,7 @@ def test_frames_are_kept_when_a_run_fails(tmp_path):
     assert kept.attributes["reason"] == summary.reason
 
 
-DAMPED = ("hyperviscosity.nu=default",)
+DAMPED = ("hyperviscosity.factor=30",)
 
 
 @pytest.mark.parametrize(

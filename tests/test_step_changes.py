@@ -151,7 +151,7 @@ def test_an_automatic_run_that_stopped_resumes_with_its_steps(tmp_path, stepper)
     again = Simulation.from_checkpoint(tmp_path / "a.npz")
     again.run(days=0.5)
     assert np.array_equal(again.stepper.state.numpy(), whole.stepper.state.numpy())
-    assert again.steps == whole.steps and again.summary["step_changes"] is None
+    assert again.steps == whole.steps and "step_changes" not in again.summary
 
 
 def stop(sim):

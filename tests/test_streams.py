@@ -70,8 +70,8 @@ def swe(capfd, tmp_path, monkeypatch):
     [
         ("loop.nc", "out: must be the name of a file (Too many levels of symbolic links)"),
         (os.fsdecode(b"a\xff.nc"), "out: must be the name of a file (it is not in UTF-8)"),
-        (243 * "x" + ".nc", "is too long: take at most 200 bytes"),
-        (80 * "\u20ac" + ".nc", "is too long: take at most 200 bytes"),
+        (245 * "x" + ".nc", "is too long: take at most 247 bytes"),
+        (82 * "\u20ac" + ".nc", "is too long: take at most 247 bytes"),
         ("loop.nc/a.nc", "out: must be the name of a file (Too many levels of symbolic links)"),
     ],
 )

@@ -239,25 +239,32 @@ class Viscosity(Effect):
 
 @dataclass(frozen=True)
 class Hyperviscosity(Effect):
-    """-ν ∇⁴ with the coefficient `nu` [m4 s-1]; None: `hyperviscosity_default` of the mesh;
-    users say "default" for it.
+    """-ν ∇⁴ with one coefficient for the whole mesh.
+
+    Args:
+        nu: Coefficient [m4 s-1]; None: `factor` times `hyperviscosity_default` of the mesh. Users
+            say "default" for None.
+        factor: Multiple of the default coefficient; 30 is the rule of CAM-SE.
 
     Raises:
-        ConfigError: `nu` is negative or not finite.
+        ConfigError: `nu` or `factor` is negative or not finite.
     """
 
     name = "hyperviscosity"
     conserves = MASSES
     dissipation = True
     terms = frozenset({"biharmonic"})
-    strengths = ("nu",)
+    strengths = ("nu", "factor")
     nu: float | None = None
+    factor: float = 1.0
 
     def coefficients(self, mesh: Mesh) -> dict[str, float]:
         """ν [m4 s-1], by default that of the mesh."""
         if self.nu is not None:
             return {"nu4": self.nu}
-        return {"nu4": hyperviscosity_default(mesh.ne, mesh.np, mesh.radius, _refinement(mesh))}
+        refinement = _refinement(mesh)
+        default = hyperviscosity_default(mesh.ne, mesh.np, mesh.radius, refinement)
+        return {"nu4": self.factor * default}
 
     def damping(self, mesh: Mesh, squares: Array) -> Array:
         """ν k⁴."""

@@ -116,7 +116,7 @@ class Passes:
             wind = model.parameters.get("wind", self.pushed) if self._base is None else self._base
             local = self._local_depth
             mesh.sweep(model.launch, local)(
-                self._transport, mesh.threads(self._masses), self._geometry, wind, self.carried,
+                self._transport, mesh.threads(self._masses), 0, self._geometry, wind, self.carried,
                 self._first * size, self._masses, local.values, step if self._direct else out,
             )  # fmt: skip
         for sum_depth in self._depth_sums:
@@ -137,7 +137,13 @@ class Passes:
             done = step if self._direct else out
             local = self._local_wind
             mesh.sweep(self._model.launch, local)(
-                self._force, mesh.threads(), self._force_geometry, self.pushed, local.values, done
+                self._force,
+                mesh.threads(),
+                0,
+                self._force_geometry,
+                self.pushed,
+                local.values,
+                done,
             )
         for sum_wind in self._wind_sums:
             sum_wind(self._node_geometry, mesh.places(2), mesh.lanes, self._local_wind.flat, step)

@@ -248,16 +248,16 @@ class DeviceMesh:
             self.halos[field.flat.ptr]()
 
     def sweep(self, launch: Launcher, field: Field) -> Callable[..., None]:
-        """Return the launch (kernel, threads, *inputs) over the elements of results in the field.
+        """Return the launch (kernel, threads, 0, *inputs) over elements of results in the field.
 
-        The first argument of a kernel, its first group of elements, is not among the inputs.
-        Results are exchanged between ranks; while messages are on their way, elements away from the
-        rim are computed.
+        The first argument of the kernel is its first group of elements, 0 for the caller. Results
+        are exchanged between ranks; while messages are on their way, elements away from the rim are
+        computed.
         """
         if self.halos:
             return functools.partial(self._rim.launch, launch, self.halos[field.flat.ptr])
         cuts = None if self.strips is None else self.strips.groups
-        return lambda kernel, threads, *inputs: launch(kernel, threads, 0, *inputs, cuts=cuts)
+        return functools.partial(launch, cuts=cuts)
 
     @functools.cached_property
     def strips(self) -> Strips | None:

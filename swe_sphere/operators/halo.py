@@ -136,7 +136,7 @@ class Rim:
         self._groups, self._away = groups, away if away >= LEAST else 0
 
     def launch(
-        self, launch: Launcher, halo: Halo, kernel: Any, threads: Any, *arguments: Any
+        self, launch: Launcher, halo: Halo, kernel: Any, threads: Any, _: int, *arguments: Any
     ) -> None:
         """Compute all elements and exchange what they leave."""
         each = threads[1:] if isinstance(threads, tuple) else ()

@@ -66,12 +66,12 @@ class EdgePenaltyOperator:
         shape = mesh.lanes, mesh.size, 2, 0
         stage, geometry = self._stage_of(factor, out, start)
         mesh.sweep(self._launch, jumps)(
-            self._derivatives, threads, self._geometry, x, x, 0, 1, jumps.values, x
+            self._derivatives, threads, 0, self._geometry, x, x, 0, 1, jumps.values, x
         )
         for launch in self._mean_sums:
             launch(mesh.places(2), self._mean_scale, *shape, jumps.flat, mesh.stage, means)
         mesh.sweep(self._launch, weak)(
-            self._weak_form, threads, geometry, means, means, 0, 1, weak.values, out
+            self._weak_form, threads, 0, geometry, means, means, 0, 1, weak.values, out
         )
         for launch in self._sums:
             launch(mesh.places(2), mesh.inverse_area, *shape, weak.flat, stage, out)

@@ -181,7 +181,7 @@ class SchurOperator:
             self.damping.damp_twice(x, self._f1)
             x = self._f1
         self.mesh.sweep(self.launch, self._slopes)(
-            self._gradient, self.dim, self._geometry, x.values, self._east.values,
+            self._gradient, self.dim, 0, self._geometry, x.values, self._east.values,
             self._north.values,
         )  # fmt: skip
 
@@ -191,7 +191,7 @@ class SchurOperator:
         if not self._together:
             self.launch(of_fluxes, self.dim, 0, self._geometry, *arguments)
             arguments, last = results, self._divergence
-        self.mesh.sweep(self.launch, self._local)(last, self.dim, self._geometry, *arguments)
+        self.mesh.sweep(self.launch, self._local)(last, self.dim, 0, self._geometry, *arguments)
 
     def _launch(self, kernel: Any, *arguments: Any) -> None:
         self.launch(kernel, self.dim, self._geometry, *arguments)

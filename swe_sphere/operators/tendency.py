@@ -56,7 +56,7 @@ class TendencyOperator:
         for flux in self._fluxes:
             launch(flux, mesh.threads(), self.geometry, x)
         arguments = self.geometry, x, local.values, out
-        mesh.sweep(launch, local)(self._kernel, mesh.threads(), *arguments)
+        mesh.sweep(launch, local)(self._kernel, mesh.threads(), 0, *arguments)
         wind = x if self._turned is None else self._turned
         for assemble in self._sums:
             assemble(

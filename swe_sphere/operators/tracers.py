@@ -42,7 +42,7 @@ class TracerTransport:
         mesh, local, count = self.mesh, self._local, self.count
         kernel, stage = kernel or self._kernel, mesh.stage if stage is None else stage
         arguments = self._geometry, wind, x, first, count, local.values, x
-        mesh.sweep(self._launch, local)(kernel, mesh.threads(count), *arguments)
+        mesh.sweep(self._launch, local)(kernel, mesh.threads(count), 0, *arguments)
         numbers = mesh.lanes, mesh.size, count, to
         for assemble in self._sums:
             assemble(self._places, mesh.inverse_area, *numbers, local.flat, stage, out)
@@ -133,7 +133,7 @@ class Limiter:
     def _limit(self, state: wp.array) -> None:
         mesh, size, (_, first) = self._mesh, self._mesh.size, self._offsets
         mesh.sweep(self._launch, self._local)(
-            self._inside, mesh.groups, self._geometry, state, *self._offsets, self._count,
+            self._inside, mesh.groups, 0, self._geometry, state, *self._offsets, self._count,
             *self._bounds, self._local.values,
         )  # fmt: skip
         if (added := self._added.get(state.ptr)) is None:

@@ -40,7 +40,7 @@ INHERITED = RunConfig.model_fields.keys() - {
 """Fields of the configuration that a resumed run inherits unless they are given."""
 
 
-LONGEST_NAME = 200
+LONGEST_NAME = 247
 """Bytes that the name of a file may have, so that the names of the files beside it fit too."""
 CODE = ("stepper", "preconditioner")
 """Inherited fields that may name a Python file."""

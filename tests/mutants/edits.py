@@ -68,8 +68,8 @@ MESH = (
         "hyperviscosity coefficient + 1 %",
         "swe_sphere/equations/effects.py",
         ("hyperviscosity-default",),
-        "float(1.0e15 *",
-        "float(1.01e15 *",
+        "float(1.0e15 / 30.0 *",
+        "float(1.01e15 / 30.0 *",
     ),
 )
 
