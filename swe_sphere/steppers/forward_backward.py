@@ -142,7 +142,7 @@ class ForwardBackwardRK3(SplitExplicit):
     repeats_from = 0
     style = ("#B7DC5D", (10, 1, 0))
     fractions: ClassVar[tuple[float, ...]] = (1 / 3, 1 / 2, 1.0)
-    """Return the fraction of the step that each stage takes, from the start of the step."""
+    """Length of each stage, which begins with the step, as a fraction of the step."""
     weights: ClassVar[tuple[float, ...]] = (0.359, 0.578, 0.234)
 
     def __init__(self, model: Model, dt: float) -> None:

@@ -255,6 +255,9 @@ class Stepper(Trajectory, ABC):
     def take(self, most: int) -> None:
         repeats = type(self._replay) is Replay and self.steps >= (self.repeats_from or 0)
         alone = self._apart is None and self.model.limiter is None
+        if self.penalty is not None:
+            following = range(self.steps, self.steps + self.at_once)
+            alone = alone and not any(map(self.penalty.is_due, following))
         is_cut = self.model.device_mesh.strips is not None
         if not (repeats and alone and is_cut and 1 < self.at_once <= most):
             self.step()
