@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import warp as wp
 from support import IMPLICIT, advance, make_scene
 
 from swe_sphere.equations.model import Model
@@ -72,6 +73,8 @@ def test_motion_goes_on_from_what_it_remembers() -> None:
     whole, part = observed([0.0, 0.3, 0.4, 1.0]), observed([0.0, 0.3, 0.4])
     resumed = Motion(VectorSpace(np.ones(3)))
     resumed.load_state_dict(part.state_dict())
+    for name, array in resumed.arrays().items():
+        wp.copy(array, part.arrays()[name])
     space = VectorSpace(np.ones(3))
     old, new = space.zeros(), space.zeros()
     old.assign(polynomial(0.4))

@@ -85,6 +85,21 @@ def test_effects_and_tracers_have_the_same_bits(monkeypatch, name, scene):
     check(monkeypatch, Mesh.build(3, 4), scene, name)
 
 
+@pytest.mark.parametrize("name", ["forward-backward", "leapfrog"])
+@pytest.mark.parametrize("c", [0.01, 4.0])
+def test_the_edge_penalty_acts_between_steps_taken_at_once(monkeypatch, waves, name, c):
+    """In the middle of its cycle, whose length depends on its strength."""
+    scene = get_scene("williamson5").with_effect(EdgePenalty(c))
+    case = Mesh.build(3, 4), scene, name
+    monkeypatch.setitem(globals(), "STEPS", 40)
+    check(monkeypatch, *case)
+    if c < 1.0:
+        moved(monkeypatch, *case, in_rings=True, most=1)
+        alone = waves[-1]
+        moved(monkeypatch, *case, in_rings=True)
+        assert STEPPERS[name].at_once * alone in waves
+
+
 def test_a_step_of_rk4_is_one_wave(monkeypatch, waves):
     moved(monkeypatch, Mesh.build(4, 4), get_scene("williamson5"), "rk4", in_rings=True)
     assert len(waves) == STEPS - 1 and len({*waves}) == 1 and waves[0] > 3 * 4

@@ -94,7 +94,7 @@ class Model(DiscreteScene):
 
     @property
     def penalised(self) -> bool:
-        """Whether the scene has the edge penalty."""
+        """True if the scene has the edge penalty."""
         return self.scene.effect("edge-penalty") is not None
 
     def damping(self, squares: Array) -> Array:

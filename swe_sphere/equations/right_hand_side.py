@@ -107,7 +107,7 @@ def fluid_operations(
     operations += term_operations(model, terms, point, given, stage, source)
     if "edge-penalty" in _flags(model.scene, component):
         penalty, factor = model.edge_penalty, 1.0 if stage is None else stage.tau
-        operations.append(Operation(lambda x, out: penalty(x, factor, out), source))
+        operations.append(Operation(lambda x, out: penalty(x, factor, out, out), source))
     return operations
 
 

@@ -104,7 +104,7 @@ class Part:
     and vertices; chunks along the curve."""
 
     is_mesh: bool = False
-    """Whether it is the whole mesh in the order of the mesh."""
+    """True if the part is the whole mesh in the order of the mesh."""
 
     @cached_property
     def owned(self) -> Integers:

@@ -18,7 +18,7 @@ from swe_sphere.operators.launch import REMEMBERED, Launcher, in_runs
 
 
 class EdgePenaltyOperator:
-    """Adds the penalty of the wind of a state to a rate of change.
+    """Adds the penalty of the wind of a state to another wind.
 
     The coefficient gamma of an element is `strength` (E,) [m2 s-1], see `kernels/diffusion.py`.
     """
@@ -54,12 +54,10 @@ class EdgePenaltyOperator:
         self._mean_sums = in_runs(*run, *mesh.spans(shared))
         self._sums = in_runs(*run, *mesh.spans(mesh.inner if direct else 0))
 
-    def __call__(
-        self, x: wp.array, factor: float, out: wp.array, start: wp.array | None = None
-    ) -> None:
+    def __call__(self, x: wp.array, factor: float, out: wp.array, start: wp.array) -> None:
         """Make the wind of `out` that of `start` plus `factor` times the penalty of the wind of x.
 
-        `start` is `out` by default; all three may be the same array.
+        All three may be the same array.
         """
         mesh, means = self._mesh, self._means
         threads, jumps, weak = mesh.threads(1), self._jumps, self._weak
@@ -76,9 +74,8 @@ class EdgePenaltyOperator:
         for launch in self._sums:
             launch(mesh.places(2), mesh.inverse_area, *shape, weak.flat, stage, out)
 
-    def _stage_of(self, factor: float, out: wp.array, start: wp.array | None) -> tuple[Any, Any]:
+    def _stage_of(self, factor: float, out: wp.array, start: wp.array) -> tuple[Any, Any]:
         """Return the stage that writes `out`, and the geometry with it; the same ones each time."""
-        start = out if start is None else start
         key = factor, out.ptr, start.ptr
         if key not in self._stages:
             if len(self._stages) >= REMEMBERED:

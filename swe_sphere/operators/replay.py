@@ -94,10 +94,8 @@ def _captured(launch: Launcher, pieces: Pieces) -> Iterator[None]:
     """Put the launches of the block into `pieces` instead of making them."""
     device = launch.device
     _OPEN[device] = pieces
-    context = warp_internals()
-    launch.defer = (
-        None if context is None else partial(_defer, context.runtime.core, launch, pieces)
-    )
+    if context := warp_internals():
+        launch.defer = partial(_defer, context.runtime.core, launch, pieces)
     wp.capture_begin(device, force_module_load=False)
     try:
         yield
@@ -115,7 +113,7 @@ def _defer(core: Any, launch: Launcher, pieces: Pieces, known: tuple[Any, ...], 
     """Put a launch over strips into the wave of those before it, if nothing is between them."""
     wave = pieces[-1] if pieces else None
     others = core.wp_apic_get_operation_count(core.wp_apic_get_recording_state())
-    if others or not isinstance(wave, Wave) or not wave.fits(cuts):
+    if others or not isinstance(wave, Wave):
         wave = Wave(launch)
         between(launch.device, wave)
     wave.add(known, cuts)

@@ -56,18 +56,13 @@ class Strips:
 
 
 class Wave:
-    """Launches that run together over the strips; see `sweep_strips` for its table."""
+    """Launches that run together over the strips of one mesh; see `sweep_strips` for its table."""
 
     def __init__(self, launch: Launcher) -> None:
-        self._launch, self._rows, self._lag = launch, list[Any](), 0
+        self._launch, self._rows, self._lag, self._strips = launch, list[Any](), 0, 0
         self._command: Any = None
-        self._strips = 0
         self._kept = list[Any]()
         """All that the table refers to by address."""
-
-    def fits(self, cuts: Cuts) -> bool:
-        """Return whether a launch is cut into the same number of strips."""
-        return cuts.starts.size == self._strips + 1
 
     def add(self, known: tuple[Any, ...], cuts: Cuts) -> None:
         """Append a launch.  known: its command, and what must live as long as the command."""

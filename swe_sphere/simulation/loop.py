@@ -167,13 +167,13 @@ class Loop:
         if not stepper.can_give_up:
             stepper.take(most)
             return False
-        kept, steps = stepper.state_dict(), stepper.steps
+        restore = stepper.keep()
         token = stop_is_asked.set(self._is_asked_to_stop)
         try:
             stepper.step()
             return False
         except GivenUp:
-            stepper.load_state_dict(kept, steps)
+            restore()
             return True
         finally:
             stop_is_asked.reset(token)

@@ -114,13 +114,8 @@ class VectorSpace:
         """
         return wp.empty((rows, self.n), dtype=self.real, device=self.device)
 
-    def saved(self, x: wp.array) -> NDArray[Any]:
-        """A copy of a vector on the host, of the whole mesh (k N,) where ranks share it."""
-        values: NDArray[Any] = x.numpy() if self._mesh is None else self._mesh.collect(x)
-        return values.copy()
-
     def load(self, values: NDArray[Any], x: wp.array) -> None:
-        """x = what `saved` returned."""
+        """Set x to the fields (k N,) of the whole mesh."""
         x.assign(values if self._mesh is None else self._mesh.restrict(values))
 
     def axpy(self, a: float, x: wp.array, y: wp.array) -> None:

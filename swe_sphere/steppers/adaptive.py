@@ -9,7 +9,6 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError, SolverFailed
-from swe_sphere.files.user_file import users_code
 from swe_sphere.ranks.limits import one_thread
 from swe_sphere.steppers.implicit import ImplicitStepper
 from swe_sphere.steppers.stepper import STEPPERS, Stepper, Trajectory
@@ -102,7 +101,7 @@ class AdaptiveSteps(Trajectory):
     def step(self) -> None:
         done = 0.0
         wp.copy(self._start, self.state)
-        with users_code(), one_thread():
+        with one_thread():
             while done < self.dt:
                 left = self.dt - done
                 # the next step is fitted to what is left without leaving a sliver of it
@@ -154,16 +153,16 @@ class AdaptiveSteps(Trajectory):
     def costs(self) -> dict[str, float]:
         return self.scheme.costs()
 
-    def state_dict(self) -> dict[str, NDArray[Any]]:
-        return self.scheme.state_dict() | {"adaptive": np.array([self.next_dt, self._before])}
+    def restart_arrays(self) -> dict[str, wp.array]:
+        return self.scheme.restart_arrays()
 
-    def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
-        """Resume from the result of `state_dict` after that many outer steps.
+    def numbers(self) -> dict[str, NDArray[Any]]:
+        return self.scheme.numbers() | {"adaptive": np.array([self.next_dt, self._before])}
 
-        Raises ConfigError when the state is not that of an adaptive stepper.
-        """
+    def load_numbers(self, state: dict[str, NDArray[Any]], steps: int) -> None:
+        """Raise ConfigError when the numbers are not those of an adaptive stepper."""
         if "adaptive" not in state:
             raise ConfigError("the restart data are of a run with fixed steps: leave adaptive out")
-        self.scheme.load_state_dict(state, steps)
+        self.scheme.load_numbers(state, steps)
         self.origin, self.steps = float(state["origin"]), steps
         self.next_dt, self._before = state["adaptive"].tolist()

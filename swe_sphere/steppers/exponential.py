@@ -8,7 +8,6 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
-from swe_sphere.errors import ConfigError
 from swe_sphere.solvers.krylov_exponential import KrylovExponential
 from swe_sphere.steppers.implicit import VariableStepper
 from swe_sphere.steppers.stage_solver import StageSolver
@@ -59,13 +58,11 @@ class ExponentialMultistep(VariableStepper):
         """Forget the steps before."""
         self._known, self._spacing = 0, 0.0
 
-    def state_dict(self) -> dict[str, NDArray[Any]]:
-        return super().state_dict() | {"past": np.array([self._known, self._spacing])}
+    def numbers(self) -> dict[str, NDArray[Any]]:
+        return super().numbers() | {"past": np.array([self._known, self._spacing])}
 
-    def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
-        super().load_state_dict(state, steps)
-        if "past" not in state:
-            raise ConfigError(f"the restart data do not fit stepper {self.name}: past")
+    def load_numbers(self, state: dict[str, NDArray[Any]], steps: int) -> None:
+        super().load_numbers(state, steps)
         self._known, self._spacing = int(state["past"][0]), float(state["past"][1])
 
     def arrays(self) -> dict[str, wp.array]:

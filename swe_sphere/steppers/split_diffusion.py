@@ -149,7 +149,7 @@ class SplitPenalty:
         self._replay = Replay(model.launch)
 
     def is_due(self, steps: int) -> bool:
-        """Whether the penalty acts before the next step, after that many steps."""
+        """Return whether the penalty acts after that many steps, before the next one."""
         return (steps - self.every // 2) % self.every < self._chains
 
     def act(self, state: wp.array, follow: Callable[[wp.array], None] | None = None) -> None:

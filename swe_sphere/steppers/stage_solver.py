@@ -89,18 +89,18 @@ class Motion:
         first, second = (min(1.0, f * dt) for f in self.frequencies)
         return SHARE * constant * first * float(second ** (order - 1))
 
+    def arrays(self) -> dict[str, wp.array]:
+        """Return the arrays that an exact restart needs."""
+        return {"mean_slope": self._slope, "bend": self.bend}
+
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """Return what an exact restart needs."""
-        numbers = np.array([self.rate, self.last_dt, *self.frequencies])
-        slope, bend = self.space.saved(self._slope), self.space.saved(self.bend)
-        return {"motion": numbers, "mean_slope": slope, "bend": bend}
+        """Return what an exact restart needs beside `arrays`."""
+        return {"motion": np.array([self.rate, self.last_dt, *self.frequencies])}
 
     def load_state_dict(self, saved: dict[str, NDArray[Any]]) -> None:
         """Resume from the result of `state_dict`."""
         self.rate, self.last_dt, first, second = saved["motion"].tolist()
         self.frequencies = first, second
-        self.space.load(saved["mean_slope"], self._slope)
-        self.space.load(saved["bend"], self.bend)
 
 
 def _ratio(above: float, below: float) -> float:

@@ -57,7 +57,7 @@ class Trajectory:
     solver: StageSolver | None = None
     """Solver of the equations in a step; None: it solves none."""
     can_give_up: ClassVar[bool] = False
-    """Whether steps are long and call `check_stop`, so that one may be given up within it."""
+    """True if steps are long and call `check_stop`, so that one may be given up within it."""
     together: int = 1
     """Number of steps that `step` takes."""
 
@@ -106,15 +106,40 @@ class Trajectory:
         """The arrays in `memory`, by name."""
         return {name: getattr(self, name) for name in self.memory}
 
+    def restart_arrays(self) -> dict[str, wp.array]:
+        """The arrays on the device that an exact restart needs, those of the solver included."""
+        return self.arrays() | ({} if self.solver is None else self.solver.arrays())
+
+    def numbers(self) -> dict[str, NDArray[Any]]:
+        """Return what an exact restart needs beside `restart_arrays`."""
+        solver = {} if self.solver is None else self.solver.state_dict()
+        return {"origin": np.array(self.origin)} | solver
+
+    def load_numbers(self, state: dict[str, NDArray[Any]], steps: int) -> None:
+        """Load the result of `numbers` after that many steps."""
+        self.origin, self.steps = float(state["origin"]), steps
+        if self.solver is not None:
+            self.solver.load_state_dict(state)
+
+    def keep(self) -> Callable[[], None]:
+        """Return a function that restores the present state; arrays are kept on the device."""
+        kept = {name: wp.clone(array) for name, array in self.restart_arrays().items()}
+        numbers, steps = self.numbers(), self.steps
+
+        def restore() -> None:
+            for name, array in self.restart_arrays().items():
+                wp.copy(array, kept[name])
+            self.load_numbers(numbers, steps)
+
+        return restore
+
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Copies of all arrays that a bitwise exact restart needs, in the precision of the run.
 
-        They are those of the whole mesh, on all ranks that share it, and those of the solver.
+        They are those of the whole mesh, on all ranks that share it.
         """
-        mesh = self.model.device_mesh
-        arrays = {name: mesh.collect(array).copy() for name, array in self.arrays().items()}
-        solver = {} if self.solver is None else self.solver.state_dict()
-        return arrays | {"origin": np.array(self.origin)} | solver
+        collect, arrays = self.model.device_mesh.collect, self.restart_arrays()
+        return {name: collect(array).copy() for name, array in arrays.items()} | self.numbers()
 
     def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
         """Resume from the result of `state_dict` after that many steps.
@@ -122,16 +147,14 @@ class Trajectory:
         Raises ConfigError when the arrays are those of another stepper or of another size.
         """
         mesh, misfit = self.model.device_mesh, f"the restart data do not fit stepper {self.name}"
-        for name, array in self.arrays().items():
+        for name, array in self.restart_arrays().items():
             if name not in state or not mesh.matches(state[name], array):
                 raise ConfigError(f"{misfit}: {name}")
             wp.copy(array, mesh.scatter(state[name]))
-        self.origin, self.steps = float(state["origin"]), steps
-        if self.solver is not None:
-            try:
-                self.solver.load_state_dict(state)
-            except KeyError as lacking:
-                raise ConfigError(f"{misfit}: {lacking.args[0]}") from None
+        try:
+            self.load_numbers(state, steps)
+        except KeyError as lacking:
+            raise ConfigError(f"{misfit}: {lacking.args[0]}") from None
 
 
 class Stepper(Trajectory, ABC):
@@ -253,11 +276,10 @@ class Stepper(Trajectory, ABC):
         self.steps += 1
 
     def take(self, most: int) -> None:
+        following, penalty = range(self.steps, self.steps + self.at_once), self.penalty
         repeats = type(self._replay) is Replay and self.steps >= (self.repeats_from or 0)
-        alone = self._apart is None and self.model.limiter is None
-        if self.penalty is not None:
-            following = range(self.steps, self.steps + self.at_once)
-            alone = alone and not any(map(self.penalty.is_due, following))
+        is_due = penalty is not None and any(map(penalty.is_due, following))
+        alone = self._apart is None and self.model.limiter is None and not is_due
         is_cut = self.model.device_mesh.strips is not None
         if not (repeats and alone and is_cut and 1 < self.at_once <= most):
             self.step()
@@ -360,13 +382,12 @@ class CheckedReplay(Replay):
             super().__call__(key, block, *arguments)
             return
         arrays, counted = self._stepper.arrays(), dict(self._counters)
-        before = [wp.clone(array) for array in arrays.values()]
+        restore = self._stepper.keep()
         super().__call__(key, block, *arguments)
         self._checked.add(key)
         repeated = [array.numpy().copy() for array in arrays.values()]
         self._counters.update(counted)
-        for array, values in zip(arrays.values(), before, strict=True):
-            wp.copy(array, values)
+        restore()
         self._stepper.advance()
         for (name, array), values in zip(arrays.items(), repeated, strict=True):
             if not np.array_equal(array.numpy(), values, equal_nan=True):

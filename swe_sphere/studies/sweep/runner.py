@@ -137,16 +137,17 @@ def perturbed(
     from swe_sphere.steppers.stage_solver import energy_weights  # imports Warp
 
     twin = _begun(spec)
-    model, start = twin.model, twin.stepper.state.numpy().astype(float)
+    model, mesh = twin.model, twin.model.device_mesh
+    start = mesh.collect(twin.stepper.state).astype(float)
     blocks = start.reshape(len(model.names), -1)
     scales = np.abs(blocks).max(axis=1, keepdims=True)
-    size = max(PERTURBATION, 100.0 * float(np.finfo(model.device_mesh.numpy_real).eps))
+    size = max(PERTURBATION, 100.0 * float(np.finfo(mesh.numpy_real).eps))
     noise = size * scales * np.random.default_rng(1).standard_normal(blocks.shape)
-    twin.stepper.start(model.device_mesh.upload(start + noise.ravel()))
+    twin.stepper.start(mesh.scatter(start + noise.ravel()))
     ended = stepped(twin, (), time_limit, interruption)
     if not ended.completed:
         return ended
-    states = [one.stepper.state.numpy().astype(float) for one in (twin, sim)]
+    states = [mesh.collect(one.stepper.state).astype(float) for one in (twin, sim)]
     squares = [energy_weights(model) @ x**2 for x in (noise.ravel(), states[0] - states[1])]
     growth = math.sqrt(squares[1] / squares[0])
     if growth <= most_growth(sim.time / DAY):
