@@ -15,8 +15,8 @@ import warp as wp
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
+from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.simd.stages import diffusive_stage
-from swe_sphere.kernels.vectors import add_1
 from swe_sphere.operators.launch import Span, in_runs
 from swe_sphere.operators.replay import Replay
 
@@ -145,7 +145,8 @@ class SplitPenalty:
         self._parts = max(1, math.ceil(needed))
         self._tau = self.every * dt / self._parts
         self._middle, self._change = model.zeros(), model.zeros(2 * model.device_mesh.size)
-        (self._add,) = model.launch.compile(model.device_mesh.real, add_1)
+        self._add = combine_kernel(model.device_mesh.real, 1)
+        model.launch.load(self._add)
         self._replay = Replay(model.launch)
 
     def is_due(self, steps: int) -> bool:
