@@ -83,6 +83,19 @@ def test_break_even_is_where_the_ratio_passes_one() -> None:
     assert part((20.0, 1.0, 0.1), (5.0, 2.5, 1e-5)) == (0.0, pytest.approx(5.0 / 240.0))
 
 
+def test_break_even_next_to_a_state_at_rest_and_with_gaps(tmp_path) -> None:
+    x, ratios = np.array([0.0, 1.0, 2.0]), np.array([0.5, 2.0, 2.0])
+    assert break_even(x, ratios) == (0.0, pytest.approx(0.5))
+    datasets = {
+        str(speed): place(speed, ("rk4", 1.0, 10.0, 1e-5), ("bdf2", 9.0, cost, 1e-5))
+        for speed, cost in ((5.0, 1.0), (10.0, 40.0), (20.0, 1.0))
+    }
+    page = write_map(datasets, tmp_path, recipe=Recipe("gaps", (), axis="scene.speed"))
+    assert page.read_text().count("everywhere, with gaps") == 2
+    with pytest.raises(ConfigError, match=r"has no number \(speed"):
+        best_steps(datasets, "(speed")
+
+
 def test_the_axis_is_a_setting_or_one_of_the_mesh() -> None:
     places = [place(20.0, ("rk4", 1.0, 1.0, 1e-4), ne=ne) for ne in (16, 8)]
     assert mapped(*places, axis="ne")["x"].tolist() == [8.0, 16.0]

@@ -264,6 +264,14 @@ def test_numbers_are_written_short(value, expected):
 
 @pytest.mark.parametrize(
     ("value", "expected"),
+    [(1e-3, "1e-3"), (2.5e-4, "2.5e-4"), (6.25e-4, "6.25e-4"), (1.0 / 3.0, "3.33e-1"), (0.0, "0")],
+)
+def test_levels_have_the_digits_that_tell_them_apart(value, expected):
+    assert words.level(value) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
     [(3.44e-5, "3.4e-5"), (0.0, "0"), (-1e-10, "−1.0e-10"), (2.0, "2.0"), (float("inf"), "–")],
 )
 def test_errors_are_written_with_an_exponent(value, expected):

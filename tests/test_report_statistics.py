@@ -232,9 +232,9 @@ def lab(colour: str, vision) -> np.ndarray:
 def test_every_stepper_has_a_colour_and_a_marker_of_its_own():
     ours = {n for n, kind in STEPPERS.items() if kind.__module__.startswith("swe_sphere.")}
     looks = [look(name) for name in ours]
-    assert len({found.marker for found in looks}) == len(looks)
+    assert len({marker for _, marker in looks}) == len(looks)
     for vision in VISIONS:
-        seen = [lab(found.colour, np.array(vision)) for found in looks]
+        seen = [lab(colour, np.array(vision)) for colour, _ in looks]
         assert min(np.linalg.norm(a - b) for a, b in combinations(seen, 2)) > 12.0
     assert look("mine") == look("mine")
 

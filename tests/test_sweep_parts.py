@@ -116,14 +116,14 @@ def test_the_longest_working_step_is_found_to_two_percent(guess):
         tried.append(dt)
         return dt <= 123.4
 
-    found = longest_working(works, guess, shortest=1.0, longest=1e4)
+    found = longest_working(works, guess, shortest=1.0, longest=1e4, growth=1.25)
     assert 123.4 / 1.02 <= found <= 123.4
     assert len(tried) < 40
 
 
 def test_a_limit_beyond_the_longest_or_below_the_shortest_step():
-    assert longest_working(lambda dt: True, 10.0, 1.0, 500.0) == 500.0
-    assert longest_working(lambda dt: False, 10.0, 1.0, 500.0) is None
+    assert longest_working(lambda dt: True, 10.0, 1.0, 500.0, 1.25) == 500.0
+    assert longest_working(lambda dt: False, 10.0, 1.0, 500.0, 1.25) is None
 
 
 @pytest.mark.parametrize("order", [1, 2, 4])

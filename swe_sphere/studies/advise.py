@@ -87,7 +87,8 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
     common |= {"settings": [*map(str, question.settings)]}
     space = Discretisation(make_config(common))
     whole = days = space.scene.days if question.days is None else question.days
-    while days * _seconds_a_day(space, common) * RUNS > question.budget and days > 0.1:
+    seconds_a_day = RUNS * _seconds_a_day(space, common)
+    while days * seconds_a_day > question.budget and days > 0.1:
         days *= 0.5
     # the error of the balanced flow where there is one beside gravity waves, else of depth
     waves = space.scene.wind is None and space.scene.effect("pressure-gradient") is not None

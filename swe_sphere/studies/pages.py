@@ -16,10 +16,6 @@ if TYPE_CHECKING:
 
 MARK = "<!-- made by swe-sphere sweep -->"
 """In pages of sweeps, which tells them from the user's own of the same name."""
-NUMBERS = (
-    words.number, words.error, words.level, words.seconds, words.step, words.times, words.percent,
-)  # fmt: skip
-"""Filters of all templates."""
 
 
 def rendered(package: str, template: str, *filters: Callable[..., object], **values: object) -> str:
@@ -48,7 +44,12 @@ def _environment(package: str, escape: bool) -> Environment:
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
     made.globals["mark"] = MARK
-    made.filters |= {each.__name__: each for each in (anchor, in_table, *NUMBERS)}
+    made.filters |= {
+        each.__name__: each for each in (
+            anchor, in_table, words.number, words.error, words.level, words.seconds, words.step,
+            words.times, words.percent,
+        )
+    }  # fmt: skip
     return made
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Mapping
+from itertools import product
 from pathlib import Path
 from typing import get_args
 
@@ -22,7 +24,7 @@ from swe_sphere.steppers.stepper import Family
 from swe_sphere.studies import words
 from swe_sphere.studies.pages import rendered
 from swe_sphere.studies.report.figures import INK, STYLE, finish, svg_text
-from swe_sphere.studies.report.page import read_sections
+from swe_sphere.studies.report.page import sweep_rankings
 from swe_sphere.studies.sweep.sweep_plan import Recipe
 
 BASE = "explicit"
@@ -50,15 +52,14 @@ def best_steps(datasets: Mapping[str, Dataset], axis: str) -> pd.DataFrame:
     """
     found = [
         ranking.reached(i).assign(target=target)
-        for section in read_sections(datasets)
-        for ranking in section.rankings[:1]
+        for ranking in sweep_rankings(datasets)
         for i, target in enumerate(ranking.targets)
     ]
     runs = pd.concat(found) if found else pd.DataFrame({"cost": []})
     if runs.empty:
         raise ConfigError("map: no timed run of these sweeps reaches a target-error")
     runs[FROUDE] = 1.0 / (runs["advective_limit"] / runs["gravity_limit"] - 1.0)
-    of_settings = runs["settings"].str.extract(rf"(?:^| ){axis.replace('.', '[.]')}=(\S+)")[0]
+    of_settings = runs["settings"].str.extract(rf"(?:^| ){re.escape(axis)}=(\S+)")[0]
     runs["x"] = pd.to_numeric(runs.get(axis, of_settings), errors="coerce")
     for name in runs.loc[runs["x"].isna(), "scene"]:
         raise ConfigError(f"map: a sweep of {name} has no number {axis}")
@@ -84,7 +85,8 @@ def _series(run: Mapping[str, object], axis: str) -> str:
 def break_even(x: Array, ratios: Array) -> tuple[float, float]:
     """Return the part of an axis on which a family is at most as expensive as another one.
 
-    Between places logarithms are interpolated; beyond them the part is unbounded: 0 and infinity.
+    Between places logarithms are interpolated, of the axis where its values there are positive;
+    beyond them the part is unbounded: 0 and infinity.
 
     Args:
         x: Values of the axis, rising.
@@ -99,9 +101,9 @@ def break_even(x: Array, ratios: Array) -> tuple[float, float]:
     def end(inside: int, outside: int, beyond: float) -> float:
         if not 0 <= outside < len(x):
             return beyond
-        r0, r1 = ratios[inside], ratios[outside]
+        (r0, r1), (x0, x1) = ratios[[inside, outside]], x[[inside, outside]]
         share = math.log(r0) / math.log(r0 / r1) if math.isfinite(r1) else 0.0
-        return float(x[inside] * (x[outside] / x[inside]) ** share)
+        return float(x0 * (x1 / x0) ** share if min(x0, x1) > 0.0 else x0 + share * (x1 - x0))
 
     return end(cheaper[0], cheaper[0] - 1, 0.0), end(cheaper[-1], cheaper[-1] + 1, math.inf)
 
@@ -120,36 +122,35 @@ def write_map(datasets: Mapping[str, Dataset], out: Path, *, recipe: Recipe) -> 
         name = f"{recipe.axis}-{words.level(target)}.svg"
         figures[f"Cost over the best explicit step, for an error of {words.level(target)}"] = name
         write_whole(out / name, svg_text(_figure(of, recipe.axis), name))
-    limits = {base: [*_limits(best, base)] for base in ("ratio", "beside")}
+    targets = sorted({*best["target"]}, reverse=True)
+    ratios = best.pivot(
+        index=["series", "x"], columns=["family", "target"], values=["ratio", "beside"]
+    )
+    parts = {
+        base: ratios[base].reindex(columns=[*product(OTHERS, targets)]).groupby("series").agg(_part)
+        for base in ("ratio", "beside")
+    }
     text = rendered(
-        "swe_sphere.studies", "regimes.md.j2", recipe=recipe, limits=limits, figures=figures,
+        "swe_sphere.studies", "regimes.md.j2", recipe=recipe, parts=parts, figures=figures,
         series=best.groupby("series"), families=OTHERS, base=BASE, classic=CLASSIC,
-        targets=sorted({*best["target"]}, reverse=True),
         attributes=[dataset.attrs for dataset in datasets.values()],
     )  # fmt: skip
     write_whole(out / "README.md", text)
     return out / "README.md"
 
 
-def _limits(best: pd.DataFrame, column: str) -> Iterator[list[str]]:
-    """Yield a line for each series: where each family is cheaper, by family and target."""
-    targets = sorted({*best["target"]}, reverse=True)
-    for name, of in best.groupby("series"):
-        ratios = of.pivot(index="x", columns=["family", "target"], values=column)
-        wanted = pd.MultiIndex.from_product([OTHERS, targets])
-        found = (values for _, values in ratios.reindex(columns=wanted).items())
-        yield [str(name), *map(_part, found)]
-
-
 def _part(ratios: pd.Series) -> str:
-    """Return in words where on the axis, the index, a family is cheaper."""
-    low, high = break_even(ratios.index.to_numpy(), ratios.to_numpy())
+    """Return in words where on the axis, the last level of the index, a family is cheaper."""
+    x = ratios.index.get_level_values(-1).to_numpy()
+    low, high = break_even(x, ratios.to_numpy())
     if math.isnan(low):
         return "nowhere" if ratios.notna().any() else words.NOTHING
+    inside = ratios[(x >= low) & (x <= high)]
+    gaps = "" if (inside <= 1.0).all() else ", with gaps"
     lower, upper = words.number(low, 2), words.number(high, 2)
     if math.isinf(high):
-        return f"from {lower}" if low else "everywhere"
-    return f"{lower} to {upper}" if low else f"up to {upper}"
+        return (f"from {lower}" if low else "everywhere") + gaps
+    return (f"{lower} to {upper}" if low else f"up to {upper}") + gaps
 
 
 def _figure(best: pd.DataFrame, axis: str) -> Figure:

@@ -29,8 +29,8 @@ def error(value: float, places: int = 1) -> str:
 
 
 def level(value: float) -> str:
-    """A round error level: 1e-3, 3e-4."""
-    return error(value, 0)
+    """An error that is asked for, with up to three digits: 1e-3, 2.5e-4."""
+    return error(value, next((n for n in range(2) if float(f"{value:.{n}e}") == value), 2))
 
 
 def step(value: float) -> str:

@@ -107,15 +107,11 @@ def _errors(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
     return ended
 
 
-def _simulation(run: RunConfig) -> Simulation:
-    return Simulation(make_scene(run), config=run)
-
-
 def _begun(run: RunConfig) -> Simulation:
     """Return the run without frames between start and end, to which its step would have to fit."""
     if run.days:
         run = run.model_copy(update={"every": 24.0 * run.days})
-    sim = _simulation(run)
+    sim = Simulation(make_scene(run), config=run)
     sim.begin()
     return sim
 
@@ -293,7 +289,7 @@ def _series(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
 
     apart_h, apart_v: relative l2 distance at the end from the run that it is compared with.
     """
-    sim = _simulation(run)
+    sim = Simulation(make_scene(run), config=run)
     sim.begin(_plan(case, sim))
     series = Series(sim.plan, case.symmetries)
     series.observe(sim.snapshot)

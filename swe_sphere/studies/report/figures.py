@@ -23,14 +23,6 @@ from swe_sphere.steppers.stepper import Marker
 from swe_sphere.studies import words
 from swe_sphere.studies.report.ranking import FAILED, Metric, with_cost
 
-
-class Look(NamedTuple):
-    """How a stepper is drawn: a colour, and a marker of matplotlib."""
-
-    colour: str
-    marker: Marker
-
-
 INK, FAINT = "#1b1f24", "#6e7781"
 STYLE = Path(__file__).with_name("templates") / "figures.mplstyle"
 MARKERS = ("8", "H", "d", "*", "X")
@@ -48,17 +40,11 @@ LIMITS = (
 )
 
 
-def look(stepper: str) -> Look:
+def look(stepper: str) -> tuple[str, Marker]:
     """Return the colour and marker of a stepper; of one without, always the same for its name."""
     declared = STEPPERS[stepper].style if stepper in STEPPERS else None
-    if declared is not None:
-        return Look(*declared)
     place = sum((i + 1) * byte for i, byte in enumerate(stepper.encode()))
-    return Look(COLOURS[place % len(COLOURS)], MARKERS[place // 7 % len(MARKERS)])
-
-
-def _colour(stepper: str) -> str:
-    return look(stepper).colour
+    return declared or (COLOURS[place % len(COLOURS)], MARKERS[place // 7 % len(MARKERS)])
 
 
 class Picture(NamedTuple):
@@ -121,7 +107,8 @@ def _drawn(
             _mark_limits(axes, runs, failed)
         else:
             least = np.maximum(runs["least"], 0.1 * runs["cost"])  # zero is not on the axis
-            colours, heights = [*map(_colour, runs["stepper"])], runs[y].clip(lower=SMALLEST)
+            colours = [look(name)[0] for name in runs["stepper"]]
+            heights = runs[y].clip(lower=SMALLEST)
             axes.hlines(heights, least, runs["most"], colours, linewidth=2.6, alpha=0.4)
         _draw_curves(axes, runs, x, y)
         finish(axes, *labels)
@@ -132,12 +119,12 @@ def _draw_curves(axes: Axes, runs: pd.DataFrame, x: str, y: str | Metric) -> Non
     """Draw curves, with their names right of the axes in the order of their ends."""
     handles = []
     for label, curve in runs.sort_values("dt", kind="stable").groupby("curve"):
-        drawn, end = look(curve["stepper"].iloc[0]), curve.sort_values([x, y])[y].iloc[-1]
+        colour, marker = look(curve["stepper"].iloc[0])
         (line,) = axes.plot(
-            curve[x], curve[y].clip(lower=SMALLEST), curve["line"].iloc[0], color=drawn.colour,
-            marker=drawn.marker, markersize=6.0, linewidth=1.3, label=label,
+            curve[x], curve[y].clip(lower=SMALLEST), curve["line"].iloc[0], color=colour,
+            marker=marker, markersize=6.0, linewidth=1.3, label=label,
         )  # fmt: skip
-        handles.append((-end, line))
+        handles.append((-curve.sort_values([x, y])[y].iloc[-1], line))
     axes.legend(
         handles=[line for _, line in sorted(handles, key=itemgetter(0))], loc="upper left",
         bbox_to_anchor=(1.0, 1.02), fontsize=8.5, handlelength=2.4,
@@ -146,8 +133,9 @@ def _draw_curves(axes: Axes, runs: pd.DataFrame, x: str, y: str | Metric) -> Non
 
 def _mark_limits(axes: Axes, runs: pd.DataFrame, failed: pd.DataFrame) -> None:
     """Draw lines at the gravity-wave and the advective limit, and crosses at steps that failed."""
-    axes.scatter(failed["dt"], [0.98] * len(failed), c=[*map(_colour, failed["stepper"])], s=22.0,
-                 marker="x", transform=axes.get_xaxis_transform())  # fmt: skip
+    colours = [look(name)[0] for name in failed["stepper"]]
+    axes.scatter(failed["dt"], [0.98] * len(failed), c=colours, s=22.0, marker="x",
+                 transform=axes.get_xaxis_transform())  # fmt: skip
     for title, side in (("gravity limit", "right"), ("advective limit", "left")):
         limits = runs[title.replace(" ", "_")]
         known = limits[limits.between(0.0, math.inf, inclusive="neither")]

@@ -79,13 +79,13 @@ class Section:
         return self.rankings[0].headline if self.rankings else none
 
 
-def sweep_rankings(dataset: Dataset) -> list[Ranking]:
-    """Return the ranking to go by for each mesh of a sweep: its headline and its table.
+def sweep_rankings(datasets: Dataset | Mapping[str, Dataset]) -> list[Ranking]:
+    """Return the ranking to go by for each mesh of sweeps: its headline and its table.
 
     It is by the error that was searched for, or by the one that tells most.  Raises ConfigError if
-    the dataset is not one of a sweep.
+    a dataset is not one of a sweep.
     """
-    return [ranking for section in read_sections(dataset) for ranking in section.rankings[:1]]
+    return [ranking for section in read_sections(datasets) for ranking in section.rankings[:1]]
 
 
 def read_sections(datasets: Dataset | Mapping[str, Dataset]) -> list[Section]:

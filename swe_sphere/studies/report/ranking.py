@@ -296,7 +296,7 @@ def rankings(
             continue
         # the check of the converged run is on its depth
         resolved = own if (kind, metric.field) == ("time", "h") and own > 0.0 else 0.0
-        wanted = sorted(levels, reverse=True) or targets(best[metric], resolved)
+        wanted = sorted({*levels}, reverse=True) or targets(best[metric], resolved)
         columns = [cheapest(runs, metric, t) if t >= resolved else best.head(0) for t in wanted]
         table = pd.DataFrame({i: of.set_index("curve")["number"]
                               for i, of in enumerate([*columns, best])})  # fmt: skip

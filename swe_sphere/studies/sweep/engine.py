@@ -188,13 +188,12 @@ class Sweep:
 
     def _parts(self) -> list[Part]:
         """All parts; the shortest steps come first, so that nobody is left with them at the end."""
-        everyone = range(len(self._everyone))
-        places = [(n, i) for n in everyone for i in range(len(self._everyone[n].grid()))]
-        places.sort(key=itemgetter(1), reverse=True)
-        search, limits = bool(self._plan.target_error), self._plan.find_limit
-        return [
-            *([] if search else places), *((n, None) for n in everyone if search or limits)
-        ]  # fmt: skip
+        everyone, search = [*enumerate(self._everyone)], self._plan.target_error
+        whole: list[Part] = [(n, None) for n, _ in everyone if search or self._plan.find_limit]
+        if search:
+            return whole
+        places = [(n, i) for n, integrator in everyone for i in range(len(integrator.grid()))]
+        return [*sorted(places, key=itemgetter(1), reverse=True), *whole]
 
     def make(self, part: Part) -> None:
         """Make a part of all runs."""

@@ -95,11 +95,6 @@ class RunRecord(Record):
     """Processes that may have been at work; where it was not alone its times are left out."""
 
     @property
-    def mesh(self) -> tuple[object, ...]:
-        """The discretisation of the run."""
-        return tuple(getattr(self.config, name) for name in MESH)
-
-    @property
     def seconds(self) -> float:
         """CPU time of its steps, on a GPU wall time [s]; NaN where other runs were beside it."""
         seconds = self.numbers.get(CLOCKS[self.config.device != "cpu"])
@@ -241,9 +236,6 @@ def _row(run: RunRecord, scene: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-ABOUT_ERRORS = {"units": "1", "comment": "slow errors of vorticity are of potential vorticity"}
-
-
 def _errors(runs: list[RunRecord]) -> xr.DataArray:
     """All errors, NaN where there is none."""
     days = sorted({error.day for run in runs for error in run.errors})
@@ -255,7 +247,8 @@ def _errors(runs: list[RunRecord]) -> xr.DataArray:
             values[n, kind, field, :, days.index(error.day)] = norms
     labels = {"kind": [*KINDS], "field": [*FIELDS], "norm": [*NORMS],
               "report_day": ("report_day", days, {"units": "d"})}  # fmt: skip
-    return xr.DataArray(values, labels, ["run", *labels], attrs=ABOUT_ERRORS)
+    about = {"units": "1", "comment": "slow errors of vorticity are of potential vorticity"}
+    return xr.DataArray(values, labels, ["run", *labels], attrs=about)
 
 
 def _converged(records: list[RunRecord]) -> tuple[float, float]:
@@ -269,5 +262,6 @@ def _converged(records: list[RunRecord]) -> tuple[float, float]:
             which = (error.kind, error.field, error.day)
             if which == ("time", "h", run.config.days) and error.l2 is not None:
                 here = (float(run.config.dt), error.l2)
-                finest[run.mesh] = min(finest.get(run.mesh, here), here)
+                mesh = tuple(getattr(run.config, name) for name in MESH)
+                finest[mesh] = min(finest.get(mesh, here), here)
     return max(finest.values(), key=lambda pair: pair[1], default=(math.nan, math.nan))

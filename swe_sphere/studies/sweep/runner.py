@@ -23,7 +23,7 @@ from swe_sphere.studies.ended import BREAKDOWNS, Ended, stepped
 from swe_sphere.studies.record_store import Store
 from swe_sphere.studies.sweep.record import COUNTS, Errors, RunRecord, current
 from swe_sphere.studies.sweep.runs import Discretisation, History, Integrator, RunSpec
-from swe_sphere.studies.sweep.steps import PERTURBATION, most_growth
+from swe_sphere.studies.sweep.steps import GROWN, GROWTH_OF_FLOW, PERTURBATION
 
 KEPT = ("u", "v", "h", "vorticity")
 """Fields of a state of which errors are taken."""
@@ -149,10 +149,10 @@ def perturbed(
         return ended
     states = [mesh.collect(one.stepper.state).astype(float) for one in (twin, sim)]
     squares = [energy_weights(model) @ x**2 for x in (noise.ravel(), states[0] - states[1])]
-    growth = math.sqrt(squares[1] / squares[0])
-    if growth <= most_growth(sim.time / DAY):
+    growth, days = math.sqrt(squares[1] / squares[0]), sim.time / DAY
+    if growth <= GROWN * math.exp(min(GROWTH_OF_FLOW * days, 600.0)):
         return ended
-    return Ended("unstable", f"noise has grown {growth:.3g} times in {sim.time / DAY:.4g} days")
+    return Ended("unstable", f"noise has grown {growth:.3g} times in {days:.4g} days")
 
 
 def warm_up(spec: RunSpec) -> float:

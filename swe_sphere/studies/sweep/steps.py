@@ -12,8 +12,6 @@ FARTHEST = 64.0
 SHORTEST = 2.0
 """The shortest one; below, an explicit stepper does the same for a fraction of the time."""
 
-GROWTH = 1.25
-"""Between steps while the limit is not yet enclosed."""
 REFINEMENTS = 6
 LIMIT_KNOWN, ACCURATE_KNOWN = 0.02, 0.05
 """How closely searches find the longest step that works, or is accurate; relative."""
@@ -28,11 +26,6 @@ PERTURBATION = 1e-7
 GROWN, GROWTH_OF_FLOW = 10.0, 0.5
 """A stable step amplifies it by at most the first, times e to the second for each day: flows too
 are unstable."""
-
-
-def most_growth(days: float) -> float:
-    """Return the largest growth of noise over so many days with a stable step."""
-    return GROWN * math.exp(min(GROWTH_OF_FLOW * days, 600.0))
 
 
 class NoStepError(Exception):
@@ -60,16 +53,13 @@ def dt_sequence(
 
 
 def longest_working(
-    works: Callable[[float], bool],
-    guess: float,
-    shortest: float,
-    longest: float,
-    growth: float = GROWTH,
+    works: Callable[[float], bool], guess: float, shortest: float, longest: float, growth: float
 ) -> float | None:
     """The longest step [s] that works, to LIMIT_KNOWN; None if none does.
 
     works: tells of a step, and is taken to fail for all longer ones where it fails for one.  guess:
-    where to begin; shortest, longest: the ends of the search.
+    where to begin; shortest, longest: the ends of the search; growth: ratio of two steps while the
+    limit is not yet enclosed.
     """
     low = high = min(max(guess, shortest), longest)
     if works(low):
