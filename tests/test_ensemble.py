@@ -1,7 +1,10 @@
 """Ensembles of perturbed seeds: what is kept, and how fast the spread of the unstable jet grows."""
 
+import json
+
 import numpy as np
 import pytest
+from netCDF4 import Dataset
 
 from swe_sphere.cli.main import main
 from swe_sphere.equations.scene import Array
@@ -145,6 +148,14 @@ def test_members_of_other_code_or_of_an_edited_scene_are_not_kept(tmp_path, monk
     assert not any("kept" in line for line in told)
     run_members(asked, (1, 2), tmp_path, told.append)
     assert all("kept" in line for line in told[2:])
+
+
+def test_a_member_whose_file_does_not_say_its_length_is_not_kept(tmp_path):
+    (file, _) = run_members(make_config(SMALL), (1, 2), tmp_path, print)
+    with Dataset(file, "a") as altered:
+        altered.configuration = json.dumps(json.loads(altered.configuration) | {"days": "long"})
+    with pytest.raises(ConfigError, match="holds a finished run"):
+        run_members(make_config(SMALL), (1, 2), tmp_path, print)
 
 
 @pytest.mark.parametrize(

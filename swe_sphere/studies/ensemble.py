@@ -63,8 +63,9 @@ def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], No
     if out.exists() and not config.overwrite:
         found, apart = RunFile(out).attributes, dict.fromkeys(FREE)
         stored, scene = table_in(str(found.get("configuration"))), make_scene(member)
-        days, before = (float(each or scene.days) for each in (member.days, stored.get("days")))
-        if stored | apart == member.model_dump(mode="json") | apart and before <= days:
+        days, before = member.days or scene.days, stored.get("days") or scene.days
+        same = stored | apart == member.model_dump(mode="json") | apart
+        if same and isinstance(before, int | float) and before <= days:
             _check_sources(out, found, member, scene)
             if found.get("completed") and before == days:
                 tell(f"seed {seed}: kept, {out}")
