@@ -23,8 +23,6 @@ from swe_sphere.studies.sweep.record import FIELDS, UNITS, WORDS
 
 COMPARED = ("grid", "target")
 """Roles of runs that stand for a setting; the others were made to find limits and references."""
-NUMBERS = ("wall_seconds", "cpu_seconds", "spread", *UNITS)
-"""Numbers of a run, beside those of custom diagnostics."""
 ERROR = ("kind", "field", "norm", "report_day")
 """Dimensions of the errors of a run, as `Metric` has them."""
 
@@ -96,7 +94,8 @@ def read_runs(dataset: Dataset) -> pd.DataFrame:
 
     Raises ConfigError if the dataset is not one of a sweep.
     """
-    if missing := [n for n in (*WORDS, *NUMBERS, "error") if n not in dataset]:
+    needed = (*WORDS, "wall_seconds", "cpu_seconds", "spread", *UNITS, "error")
+    if missing := [name for name in needed if name not in dataset]:
         raise ConfigError(f"this dataset is not one of a sweep: it has no {missing[0]}")
     errors = dataset["error"].transpose("run", *ERROR)
     which = [Metric(*of) for of in product(*(errors[name].values.tolist() for name in ERROR))]
