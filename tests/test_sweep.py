@@ -76,6 +76,7 @@ def test_every_run_is_a_row_with_its_settings_and_costs(lauter):
         and (grid[["wall", "cpu"]].isel(repeat=[0, 1]) > 0.0).to_array().all()
     )
     assert (grid["total_seconds"] > grid["wall"].isel(repeat=0)).all()
+    assert dataset["angular_momentum_drift"].attrs["units"] == "1"
     assert dataset.attrs["scene"] == "lauter"
     assert json.loads(dataset.attrs["plan"])["steppers"] == ["rk4", "tr-bdf2"]
     xr.testing.assert_identical(xr.load_dataset(folder / "sweep.nc"), dataset)

@@ -20,7 +20,7 @@ from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import write_whole
 from swe_sphere.files.fingerprints import processor, versions
-from swe_sphere.io.integrals import Norms
+from swe_sphere.io.integrals import DRIFTS, Norms
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.studies.ended import ENDS
 from swe_sphere.studies.record_store import Record, Store, as_netcdf, read_record
@@ -182,8 +182,8 @@ def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
     runs = table.xs(0, level="repeat")
     data: dict[str, Any] = {name: ("run", runs[name].to_numpy(object)) for name in WORDS}
     for name in (*UNITS, *(name for name in runs if name not in {*UNITS, *WORDS, *CLOCKS})):
-        units = {"units": UNITS[name]} if name in UNITS else {}
-        data[name] = ("run", runs[name].to_numpy(float), units)
+        units = "1" if name in DRIFTS else UNITS.get(name)
+        data[name] = ("run", runs[name].to_numpy(float), {"units": units} if units else {})
     # a repeat that was cut short has no time of the whole run
     kept = (table.index.get_level_values("repeat") == 0) | (table["status"] == "completed")
     for name in CLOCKS:
