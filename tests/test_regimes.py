@@ -87,7 +87,9 @@ def test_break_even_next_to_a_state_at_rest_and_with_gaps(tmp_path) -> None:
     x, ratios = np.array([0.0, 1.0, 2.0]), np.array([0.5, 2.0, 2.0])
     assert break_even(x, ratios) == (0.0, pytest.approx(0.5))
     datasets = {
-        str(speed): place(speed, ("rk4", 1.0, 10.0, 1e-5), ("bdf2", 9.0, cost, 1e-5))
+        str(speed): place(speed, ("rk4", 1.0, 10.0, 1e-5), ("bdf2", 9.0, cost, 1e-5)).assign_attrs(
+            created="2026-01-01", machine="here", cores=1
+        )
         for speed, cost in ((5.0, 1.0), (10.0, 40.0), (20.0, 1.0))
     }
     page = write_map(datasets, tmp_path, recipe=Recipe("gaps", (), axis="scene.speed"))
