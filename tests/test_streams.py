@@ -1,5 +1,6 @@
 """Standard streams that are closed or full, and names of files that few expect."""
 
+import io
 import os
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from swe_sphere.cli.main import main
+from swe_sphere.cli.streams import Results
 from swe_sphere.io.runfile import RunFile
 
 PROGRAM = Path(sys.executable).with_name("swe-sphere")
@@ -34,6 +36,18 @@ def shell(command):
 def test_a_result_that_is_lost_is_an_error(command, why):
     told = f"swe-sphere: cannot write to standard output: {why}\n"
     assert shell(command) == (1, "", told)
+
+
+def test_a_failure_whose_json_is_lost_is_one_line():
+    status, _, said = shell("compare none.nc none.nc --json > /dev/full")
+    assert (status, said) == (2, "swe-sphere: there is no file none.nc\n")
+
+
+def test_results_are_written_at_once(tmp_path):
+    place = tmp_path / "out"
+    results = Results(io.BufferedWriter(io.FileIO(place, "w")), "utf-8")
+    print("found", file=results, end="")
+    assert place.read_text() == "found"
 
 
 @pytest.mark.parametrize("closed", ["2>&-", "2>/dev/full", "<&- 2>&-"])

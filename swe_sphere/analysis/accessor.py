@@ -111,10 +111,7 @@ class Analysis:
             raise ConfigError(
                 "this dataset is not of a run: open a file of one (swe_sphere.open_run)"
             )
-        try:
-            return mesh_of(values, self._data.sizes["node"])
-        except ConfigError as error:
-            raise ConfigError(f"cannot use this dataset: {error}") from None
+        return mesh_of(values, self._data.sizes["node"], "cannot use this dataset")
 
     def to_latlon(self, rows: int = 181, columns: int = 360) -> xr.Dataset:
         """Return all fields on evenly spaced latitudes and longitudes: (..., lat, lon).

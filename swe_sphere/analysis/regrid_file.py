@@ -20,11 +20,7 @@ COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True}
 
 
 def regrid_file(
-    path: Path,
-    grid: str,
-    out: Path,
-    fields: Sequence[str] = (),
-    overwrite: bool = False,
+    path: Path, grid: str, out: Path, fields: Sequence[str] = (), overwrite: bool = False
 ) -> Path:
     """Bring the frames of a run to a grid, one after the other: netCDF-4, compressed, or Zarr.
 
@@ -36,7 +32,7 @@ def regrid_file(
     smaller than 200 MB.
 
     Returns out.  Raises ConfigError if the file is not of a run or lacks a field, if there is no
-    such grid, or if `out` is there already or cannot be written.
+    such grid, or if `out` exists already or cannot be written.
     """
     found = RunFile(path)
     if found.times.size == 0:
@@ -50,7 +46,8 @@ def regrid_file(
     check_free(out, overwrite)
     if out.exists() and out.samefile(path):
         raise ConfigError(f"{out} is the file that is read: choose another name")
-    if out.suffix == ".zarr":
+    is_zarr = out.suffix == ".zarr"
+    if is_zarr:
         check_zarr(out)
     with (
         xr.open_dataset(path, engine=engine(path), decode_times=False) as data,
@@ -59,7 +56,6 @@ def regrid_file(
         chosen = _chosen(data, fields)
         before = str(data.attrs.get("history", ""))
         chosen.attrs["history"] = history(f"regrid {path.name} --grid {grid}", before)
-        is_zarr = out.suffix == ".zarr"
         with building(out, is_zarr) as part:
             (_write_zarr if is_zarr else _write_netcdf)(part, _frames(path, chosen, at, wanted))
     return out

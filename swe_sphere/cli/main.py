@@ -5,6 +5,7 @@ import sys
 import time
 import traceback
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from importlib import import_module
 from typing import Annotated
 
@@ -15,7 +16,7 @@ from swe_sphere import __version__
 from swe_sphere.cli.show import DEBUG, explain
 from swe_sphere.cli.streams import open_streams
 from swe_sphere.compiling import on_compile, tell_of_compiling
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.ranks.communicator import OF_RANKS, refuse_ranks, world
 from swe_sphere.ranks.limits import command_began, process_age
 
@@ -73,7 +74,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with on_compile(tell_of_compiling):
             app = program([name for name in arguments[:1] if name in COMMANDS] or COMMANDS)
             status = app(arguments, prog_name="swe-sphere", standalone_mode=False, obj=arguments)
-            sys.stdout.flush()
     except Exception as error:
         if os.environ.get(DEBUG):
             traceback.print_exc()
@@ -81,7 +81,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if "--json" in arguments and (arguments[0] != "run" or isinstance(error, TyperException)):
             from swe_sphere.simulation.summary import failed_summary  # takes its time to import
 
-            typer.echo(failed_summary({}, line, status).as_json())  # others are those of `run`
+            with suppress(RunFailed):  # the line below states the failure
+                typer.echo(failed_summary({}, line, status).as_json())  # `run` prints its own
         _show_failure(line)
     finally:
         command_began.reset(token)

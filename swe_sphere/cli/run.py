@@ -93,8 +93,7 @@ def _run(config: RunConfig) -> Summary:
 
 
 def _show_warning(text: str) -> None:
-    with suppress(OSError):  # nobody reads it any more
-        sys.stderr.write(f"swe-sphere: warning: {text}\n")
+    sys.stderr.write(f"swe-sphere: warning: {text}\n")
 
 
 def _show_summary(summary: Summary, config: RunConfig) -> None:
@@ -107,8 +106,9 @@ def _show_summary(summary: Summary, config: RunConfig) -> None:
     if told and summary.status in ("interrupted", "timed-out"):
         words = ["swe-sphere", "run", config.scene, "--restart", str(config.out)]
         words += ["--out", str(config.out), "--days", f"{summary['days_planned']:.12g}"]
-        code = {*config.trust, *filter(is_user_file, (config.stepper, config.preconditioner or ""))}
-        words += [word for file in sorted(map(str, code)) for word in ("--trust", file)]
+        methods = (config.stepper, config.preconditioner or "")
+        code = {*map(str, config.trust), *filter(is_user_file, methods)}
+        words += [word for file in sorted(code) for word in ("--trust", file)]
         words += [word for file in config.diagnostics for word in ("--diagnostics", str(file))]
         sys.stderr.write(f"swe-sphere: it goes on with: {shlex.join(words)}\n")
     if config.as_json:
@@ -189,6 +189,5 @@ def _pass_on(lines: Iterable[str]) -> tuple[bool, dict[str, str]]:
             continue
         if line.strip() and not line.startswith(NOISE):
             sys.stderr.write(line)
-            sys.stderr.flush()
         told = told or (line.startswith("swe-sphere: ") and "warning:" not in line)
     return told, ranks

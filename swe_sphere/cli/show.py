@@ -19,7 +19,6 @@ def show_line(text: str) -> None:
     """Put the text into the last line of a terminal, in the place of what stood there."""
     if sys.stderr.isatty():
         sys.stderr.write(f"\r\x1b[K{text}")
-        sys.stderr.flush()
 
 
 def print_table(heads: Sequence[str], lines: Iterable[Iterable[str]], **look: Any) -> None:

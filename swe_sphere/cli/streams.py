@@ -4,26 +4,35 @@ import io
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 
 from swe_sphere.errors import RunFailed
 
 
-class Results(io.TextIOWrapper):
-    """Standard output: RunFailed where it cannot be written."""
+class Notes(io.TextIOWrapper):
+    """Standard error, written at once: text that cannot be written is left out."""
 
     def write(self, text: str) -> int:
         """Write the text; return its length."""
-        with self._reported():
-            return super().write(text)
+        with self._checked():
+            super().write(text)
+            super().flush()
+        return len(text)
 
     def flush(self) -> None:
         """Write what is buffered."""
-        with self._reported():
+        with self._checked():
             super().flush()
 
+    def _checked(self) -> AbstractContextManager[None]:
+        return suppress(OSError)
+
+
+class Results(Notes):
+    """Standard output, written at once: RunFailed where it cannot be written."""
+
     @contextmanager
-    def _reported(self) -> Iterator[None]:
+    def _checked(self) -> Iterator[None]:
         try:
             yield
         except OSError as error:
@@ -31,26 +40,10 @@ class Results(io.TextIOWrapper):
             raise RunFailed(f"cannot write to standard output: {error.strerror}") from None
 
 
-class Notes(io.TextIOWrapper):
-    """Standard error: what cannot be written is left out."""
-
-    def write(self, text: str) -> int:
-        """Write the text at once, as far as that works; return its length."""
-        with suppress(OSError):
-            super().write(text)
-        self.flush()
-        return len(text)
-
-    def flush(self) -> None:
-        """Write what is buffered as far as that works."""
-        with suppress(OSError):
-            super().flush()
-
-
 def open_streams() -> None:
-    """Give the streams that the caller closed their numbers, which else a file of the run gets.
+    """Open the streams that the caller closed, so that no file of the run gets their numbers.
 
-    Text that the encoding lacks is written with escapes.  Streams that somebody has replaced stay.
+    Text that the encoding lacks is written with escapes.  Replaced streams are not changed.
     """
     for number in range(3):
         try:

@@ -55,7 +55,7 @@ def verify(
         }  # fmt: skip
 
     cases = choose("verification", names_in(scenes), quick=quick, launch=launch)
-    return _run(context, "verification", cases, describe, out, resume, jobs, as_json)
+    return _run(context, "verification", cases, describe)
 
 
 def stress(
@@ -76,30 +76,25 @@ def stress(
         return {"quick": quick, **count_outcomes(rows), "results": results}
 
     cases = choose("stability", names_in(groups), names_in(steppers), quick)
-    return _run(context, "stability", cases, describe, out, resume, jobs, as_json)
+    return _run(context, "stability", cases, describe)
 
 
-def _run(
-    context: typer.Context,
-    folder: str,
-    cases: Sequence[Case],
-    describe: Describe,
-    out: Path | None,
-    resume: bool,
-    jobs: int,
-    as_json: bool,
-) -> int:
-    """Run cases of a folder, print their rows, write page and numbers; return the exit status."""
+def _run(context: typer.Context, folder: str, cases: Sequence[Case], describe: Describe) -> int:
+    """Run cases of a folder with the options of a command; return the exit status.
+
+    The rows are printed, and written with their numbers as a page.
+    """
     from swe_sphere.studies.cases import Measure, count_outcomes, page, run_cases
     from swe_sphere.studies.jobs import checked_jobs
     from swe_sphere.studies.record_store import Store
 
+    options = ("quick", "out", "resume", "jobs", "as_json")
+    quick, out, resume, jobs, as_json = (context.params[name] for name in options)
     checked_jobs(jobs)
     if resume and out is None:
         raise ConfigError("resume: say what to go on with (--out), or leave it out")
     command = shlex.join(["swe-sphere", *(word for word in context.obj if word != "--resume")])
     chosen = any(context.params.get(name) for name in ("scenes", "groups", "steppers"))
-    quick = context.params["quick"]
     file = None if out is None else _page_file(out, folder, quick, command if chosen else "")
     store = None if file is None else Store(file.with_suffix(".runs"), Measure)
     known = store.records if store and resume else ()

@@ -6,11 +6,11 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from swe_sphere.cli.options import given, with_flags
+from swe_sphere.cli.options import flag, given, option, with_flags
 from swe_sphere.cli.show import print_table
 from swe_sphere.compiling import COMPILING, on_compile
 from swe_sphere.errors import ConfigError, RunFailed
@@ -41,18 +41,10 @@ REPORT, PAGE = "index.html", "README.md"
 
 @with_flags(SweepPlan, argument="scene", without=RECIPES_ONLY)
 def sweep(
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Folder of the runs; an existing sweep is resumed."),
-    ] = None,
-    recipe: Annotated[
-        str | None,
-        typer.Option(metavar="NAME|FILE.toml", help="Options from a recipe; flags override them."),
-    ] = None,
-    report_only: Annotated[
-        bool, typer.Option("--report-only", help="Write the report again without runs.")
-    ] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
+    out: Path | None = option("DIR", "Folder of the runs; an existing sweep is resumed."),
+    recipe: str | None = option("NAME|FILE.toml", "Options from a recipe; flags override them."),
+    report_only: bool = flag("report-only", "Write the report again without runs."),
+    quiet: bool = flag("quiet", "Print errors only."),
     **values: Any,
 ) -> int:
     """Run steppers over a range of steps, and show what accuracy costs in time."""

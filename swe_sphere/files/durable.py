@@ -20,7 +20,7 @@ from swe_sphere.errors import ConfigError, RunFailed, SweError
 MENDING = "; mend that and run it again: what is finished is kept"
 UNSUPPORTED = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)
 PART, OLD = ".part", ".old"
-"""Parts of temporary names: of what is being built, and of a folder that is being replaced."""
+"""Parts of the names of files and folders that are built, and of folders that are replaced."""
 SHOWN = 40
 """Characters of the name of a path that its temporary names show."""
 NEW_FILE = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
@@ -40,15 +40,8 @@ def write_whole(path: Path, contents: str | bytes) -> None:
         try:
             part.write_bytes(contents.encode() if isinstance(contents, str) else contents)
             take_place(part, path)
-        except BaseException:
+        finally:
             part.unlink(missing_ok=True)
-            raise
-
-
-def _rename(part: Path, path: Path) -> None:
-    part.replace(path)
-    with suppress(OSError):  # some systems cannot sync a folder
-        sync(path.parent)
 
 
 def sync(path: Path) -> None:
@@ -74,7 +67,7 @@ def take_lock(file: int) -> bool:
 
 
 def _mark(path: Path, number: str) -> str:
-    """Return what marks a temporary name with a random number as one for that path."""
+    """Return the mark of this program in the temporary name for a path with a random number."""
     return hashlib.sha256(f"swe_sphere {path.name} {number}".encode()).hexdigest()[:8]
 
 
@@ -105,15 +98,15 @@ def check_moved(path: Path) -> None:
 
 
 def claim(path: Path, folder: bool = False) -> tuple[int, Path]:
-    """Make a file or folder with a temporary name, for the contents that are to be at the path.
+    """Create a file or folder with a temporary name, which is built there for a path.
 
-    It is locked for as long as its descriptor is open; the lock stays with it when it is renamed.
-    What a program that was killed has left is removed.  Returns the descriptor and the name.
+    It is locked while its descriptor is open, also after it is renamed.  Temporary files of a
+    program that was killed are removed.  Returns the descriptor and the name.
 
     Raises:
-        ConfigError: another program writes the path, or what exists is of another kind or was left
-            by a program that was killed as it replaced it.
-        OSError: it cannot be made.
+        ConfigError: another program writes the path, it is of another kind, or a program was killed
+            as it replaced it.
+        OSError: the file or folder cannot be created.
     """
     check_moved(path)
     if path.exists():
@@ -125,7 +118,7 @@ def claim(path: Path, folder: bool = False) -> tuple[int, Path]:
 
 
 def _create(path: Path, folder: bool) -> tuple[int, Path]:
-    """Make and lock a temporary file or folder for a path, as `claim`; remove those left behind."""
+    """Create and lock a temporary file or folder, as `claim`; remove those left behind."""
     for left in _marked(path):
         with suppress(FileNotFoundError):
             os.close(_locked(left, os.O_RDONLY | os.O_NOFOLLOW, path))
@@ -172,7 +165,9 @@ def take_place(part: Path, path: Path) -> None:
     is_folder = part.is_dir()
     if is_folder and path.is_dir():
         path.replace(_new_name(path, OLD))
-    _rename(part, path)
+    part.replace(path)
+    with suppress(OSError):  # some systems cannot sync a folder
+        sync(path.parent)
     for old in _marked(path, OLD) if is_folder else ():  # also one that a killed program left
         remove(old)
 

@@ -21,9 +21,7 @@ def is_user_file(name: str | Path) -> bool:
     return str(name).endswith(".py")
 
 
-def check_trusted(
-    name: object, path: Path, trusted: Iterable[Path] = (), is_code: bool = False
-) -> None:
+def check_trusted(name: object, path: Path, trusted: Iterable[Path], is_code: bool = False) -> None:
     """Raise ConfigError where the data in path name a Python or TOML file that nobody gave.
 
     A TOML file counts because the scene in it may be based on a Python file.  is_code: any file

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.durable import claim, take_place
+from swe_sphere.files.durable import building
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.io.schema import CheckpointHeader
 
 HEADER = "header"
 ARRAYS = "arrays"
-"""Says in the header which arrays there are, as the check sums are those of each alone."""
+"""Entry of the header that lists the arrays: the check sums cover each array alone."""
 ARRAY = "array:"
 """Prefix of the names of arrays in the file."""
 
@@ -54,15 +54,8 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     header = json.dumps(values, default=lambda numbers: numbers.tolist())
     arrays: dict[str, Any] = {ARRAY + k: array for k, array in checkpoint.state_dict.items()}
     arrays[HEADER] = np.array(header)
-    descriptor, part = claim(path)
-    with os.fdopen(descriptor, "wb") as file:
-        try:
-            np.savez(file, **arrays)
-            file.flush()
-            take_place(part, path)
-        except BaseException:
-            part.unlink(missing_ok=True)
-            raise
+    with building(path) as part, part.open("wb") as file:
+        np.savez(file, **arrays)
 
 
 def is_checkpoint(path: Path) -> bool:

@@ -30,14 +30,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.files.durable import (
-    allocate,
-    claim,
-    remove,
-    sync,
-    take_place,
-    write_whole,
-)
+from swe_sphere.files.durable import allocate, claim, remove, sync, take_place, write_whole
 from swe_sphere.io.layout import SERIES, SUMMARY, SUMMARY_BYTES
 
 RECORDS_AT = 4

@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
+from pydantic import ValidationError
 from scipy.io import netcdf_file
 
 from swe_sphere.arrays import Array
@@ -27,6 +28,7 @@ from swe_sphere.io.scalar_fields import Sampler, derive, evaluate
 from swe_sphere.io.schema import RunAttributes, mesh_of
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY
+from swe_sphere.settings.values import place_and_complaint
 
 FRAME = ("time", "node")
 """Dimensions of the fields of frames."""
@@ -57,6 +59,8 @@ def reading(path: str | os.PathLike[str]) -> Iterator[xr.Dataset]:
             yield data
     except SweError:
         raise
+    except ValidationError as error:
+        raise ConfigError(f"cannot read {path}: {place_and_complaint(error)}") from None
     except Exception as error:  # decoders of damaged data raise errors of all kinds
         why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
         why = f"it is damaged, cut short, or not a file of this kind ({why})"
@@ -80,7 +84,7 @@ def check_length(path: Path) -> None:
 
 
 def checked(path: Path, name: str, variable: xr.Variable) -> Array:
-    """Return the values of a variable; ConfigError where one of a field of ours is missing."""
+    """Return the values of a variable; ConfigError where a known field lacks a value."""
     values: Array = variable.values
     if name in FINITE or name.startswith(TRACER):
         fill = variable.attrs.get("_FillValue", np.nan)
@@ -223,16 +227,12 @@ class RunFile(Nodal):
         """The mesh, made again from the attributes of the file."""
         if self.bottom.ndim != 1:
             raise ConfigError(f"{self.path} is on a grid already: give the file of a run")
-        try:
-            return mesh_of(self.attributes, self.bottom.size)
-        except ConfigError as error:
-            raise ConfigError(f"cannot read {self.path}: {error}") from None
+        return mesh_of(self.attributes, self.bottom.size, f"cannot read {self.path}")
 
     def frame(self, time: float | None = None) -> dict[str, Array]:
         index = self.index(time)
         with reading(self.path) as data:
-            frame = {name: data[name][index].variable for name in self.about}
-            found = {name: checked(self.path, name, field) for name, field in frame.items()}
+            found = {x: checked(self.path, x, data[x][index].variable) for x in self.about}
             return {"b": self.bottom} | found
 
     def series(self) -> tuple[Array, dict[str, Array]]:

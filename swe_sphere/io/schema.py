@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.layout import MESH_ATTRIBUTES
 from swe_sphere.mesh import Mesh
-from swe_sphere.settings.values import place_and_complaint
+from swe_sphere.settings.values import validated
 
 Positive = Annotated[float, Field(gt=0.0)]
 Count = Annotated[int, Field(ge=0, lt=2**53)]
@@ -51,21 +51,21 @@ class CheckpointHeader(_Read):
     attributes: RunAttributes
 
 
-def mesh_of(attributes: Mapping[str, Any], nodes: int) -> Mesh:
+def mesh_of(attributes: Mapping[str, Any], nodes: int, failure: str) -> Mesh:
     """Return the mesh of a file that has these attributes and this number of nodes.
 
-    Raises ConfigError where the attributes describe no mesh or one of another size, which is
-    noticed before it is built.
+    Raises ConfigError, which begins with `failure`, where the attributes describe no mesh or one of
+    another size.  The size is checked before the mesh is built.
     """
     values = {name: attributes[name] for name in MESH_ATTRIBUTES}
-    try:
-        RunAttributes.model_validate(values)
-    except ValidationError as error:
-        raise ConfigError(place_and_complaint(error)) from None
     ne, np = values["ne"], values["np"]
-    if (expected := 6 * (ne * (np - 1)) ** 2 + 2) != nodes:
-        raise ConfigError(
-            f"ne={ne} and np={np} make {expected} nodes, and it has {nodes}: it holds a part of the"
-            " nodes, or is damaged"
-        )
-    return Mesh.build(**values)
+    try:
+        validated(RunAttributes, values)
+        if (expected := 6 * (ne * (np - 1)) ** 2 + 2) != nodes:
+            raise ConfigError(
+                f"ne={ne} and np={np} make {expected} nodes, and it has {nodes}: it holds a part of"
+                " the nodes, or is damaged"
+            )
+        return Mesh.build(**values)
+    except ConfigError as error:
+        raise ConfigError(f"{failure}: {error}") from None

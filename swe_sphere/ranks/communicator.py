@@ -32,8 +32,7 @@ SIZES = ("OMPI_COMM_WORLD_SIZE", "MV2_COMM_WORLD_SIZE", "PMI_SIZE")
 OF_RANKS = "PMI_RANK", "OMPI_COMM_WORLD_RANK", "MV2_COMM_WORLD_RANK", "PMIX_RANK"
 """Environment variables in which a launcher states the rank of a process."""
 NAMED, RANK = "SWE_SPHERE_NAMED_RANKS", "swe-sphere rank: "
-"""Environment variable by which our launcher has each rank print a line with its number and
-process, and the beginning of that line."""
+"""Variable with which our launcher has each rank print its number and process, and its prefix."""
 PATIENCE = 4.0
 """Seconds that a failing rank waits for the others to fail too."""
 HEARD = 0.2
@@ -103,7 +102,6 @@ class Communicator:
         self.rank, self.size = self._comm.rank, self._comm.size
         if os.environ.pop(NAMED, None):
             sys.stderr.write(f"{RANK}{self.rank} {os.getpid()}\n")
-            sys.stderr.flush()
         self.local = self._comm.Split_type(mpi.COMM_TYPE_SHARED).rank
         self._asked: Any = None
         self._said, self._heard = np.zeros(1, np.int8), np.zeros(1, np.int8)
@@ -205,7 +203,6 @@ class Communicator:
         """Return where all ranks fail within `PATIENCE`; else print the line and end all ranks."""
         if self.shared and not _complete(self._failures.Ibarrier().Test, PATIENCE):
             sys.stderr.write(f"swe-sphere: rank {self.rank} of {self.size}: {line}\n")
-            sys.stderr.flush()
             time.sleep(HEARD)
             self._comm.Abort(1)
             time.sleep(10.0 * PATIENCE)  # until mpiexec ends this process

@@ -19,7 +19,7 @@ class GivenUp(SweError):
 
 
 stop_is_asked: ContextVar[Callable[[], bool]] = ContextVar("asked", default=lambda: False)
-"""What the loop that takes the present step returns True from where it is to stop."""
+"""Function of the loop of steps; it returns whether the loop is to stop."""
 command_began: ContextVar[float] = ContextVar("began")
 """Beginning of the present command [s, of time.monotonic], from which its time limit counts."""
 
