@@ -141,7 +141,7 @@ def whole(mesh: Mesh, shape: str) -> Part:
     """
     if shape == "element" and mesh.nodes.size >= RINGED:
         everything = np.array([[[0, mesh.size]]])
-        return replace(Partition(mesh, 1).part(0), spans=everything)
+        return replace(Partition(mesh, 1, rings(mesh.ne)).part(0), spans=everything)
     return Part(
         np.arange(mesh.elements), mesh.elements, np.arange(mesh.size), mesh.nodes,
         np.diff(mesh.gather_offsets), mesh.gather_entries, {}, {}, np.zeros((3, 0, 2), int),
@@ -152,15 +152,16 @@ def whole(mesh: Mesh, shape: str) -> Part:
 class Partition:
     """Deals the elements and nodes of a mesh out to `size` ranks, chunk by chunk along the curve.
 
+    order: (E,) numbers of the elements in another order than along the curve, for one rank.
     A chunk owns the nodes that no chunk before it touches.
     """
 
-    def __init__(self, mesh: Mesh, size: int) -> None:
+    def __init__(self, mesh: Mesh, size: int, order: Integers | None = None) -> None:
         """Find the rank of every element; ConfigError where there are fewer chunks than ranks."""
         check_ranks(mesh.ne, size)
         chunks, per_chunk = pieces(mesh.ne)
         self._mesh, self._points = mesh, mesh.np**2
-        self._order = rings(mesh.ne) if size == 1 else curve(mesh.ne)
+        self._order = curve(mesh.ne) if order is None else order
         along = np.argsort(self._order)
         self._bounds = np.arange(size + 1) * chunks // size
         """(size + 1,) first chunk of each rank."""
@@ -177,7 +178,8 @@ class Partition:
         self._counts = np.diff(mesh.gather_offsets)
         self._kind = np.minimum(self._counts, 3) - 1
         """(N,) 0 inside an element, 1 on an edge, 2 at a vertex."""
-        block, lane = np.divmod(first_element, 1 if size > 1 and per_chunk % BLOCK else BLOCK)
+        in_blocks = order is not None or per_chunk % BLOCK == 0
+        block, lane = np.divmod(first_element, BLOCK if in_blocks else 1)
         self._place = np.argsort(np.lexsort((lane, first_point, block, self._kind)))
         """(N,) place of each node in an order like that of the mesh, but along the curve."""
         ranks = self._rank[element]
