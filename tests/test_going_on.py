@@ -12,6 +12,7 @@ from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
 from swe_sphere.simulation.observers import LogLines, every
 from swe_sphere.simulation.simulation import Simulation, run
+from swe_sphere.simulation.summary import failed_summary
 from swe_sphere.testcases import get_scene
 
 
@@ -251,4 +252,17 @@ def test_a_cell_of_a_notebook_can_be_run_again(tmp_path):
     assert "day 0.2708 of 0.2708 days" in repr(sim)
     sim.reset()
     assert (sim.steps, sim.time, sim.summary.status) == (0, 0.0, "not begun")
+    with pytest.raises(ConfigError, match="holds a finished run of williamson6: choose another"):
+        sim.run(days=0.25, out=tmp_path / "a.nc")
     assert sim.run(days=0.25)["energy_drift"] == first["energy_drift"]
+
+
+def test_a_table_in_a_notebook_states_why_a_run_stopped():
+    def stop(sim):
+        raise RuntimeError("nothing more to see")
+
+    sim = small()
+    sim.run(days=0.25, callbacks=[stop])
+    assert "nothing more to see" in sim._repr_html_()
+    refused = failed_summary({"scene": "williamson6"}, "no such mesh", 2)
+    assert "no such mesh" in refused._repr_html_()

@@ -11,7 +11,8 @@ from swe_sphere.analysis.accessor import open_run
 from swe_sphere.cli.main import main
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.ranks import limits
-from swe_sphere.simulation.loop import Interruption
+from swe_sphere.simulation.loop import Interrupted, Interruption
+from swe_sphere.simulation.observers import Callback
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.steppers.stepper import Stepper
 
@@ -148,6 +149,18 @@ def test_other_signals_take_effect_when_the_file_is_closed(tmp_path, number):
         signal.signal(number, before)
     assert (ended.status, heard) == ("interrupted", [number])
     assert ended.reason.startswith(f"interrupted by {number.name} at day 0.0625")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_message_of_a_signal_between_two_runs_and_within_one_is_the_same(number):
+    name = "Ctrl-C" if number == signal.SIGINT else number.name
+    sim = small(dt=1800.0, days=0.25)
+    sim.begin()
+    with Interruption() as noted:
+        with pytest.raises(Interrupted, match=f"^interrupted by {name}$"):
+            sim.advance([Callback(send(number))], interruption=noted)
+        with pytest.raises(Interrupted, match=f"^interrupted by {name}$"):
+            noted.check()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1])

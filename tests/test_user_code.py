@@ -8,6 +8,7 @@ import pytest
 
 from swe_sphere import Simulation
 from swe_sphere.cli.main import main
+from swe_sphere.errors import ConfigError
 from swe_sphere.io.runfile import RunFile
 
 HEAD = """import sys
@@ -47,6 +48,15 @@ def run(arguments, capfd):
         main([*map(str, arguments)])
     out, err = capfd.readouterr()
     return end.value.code, out, err
+
+
+def test_a_single_step_that_fails_names_the_line(tmp_path):
+    file = tmp_path / "custom.py"
+    body = METHODS["advance"].format(fault="raise LookupError('lost')")
+    file.write_text(HEAD.format(name="single") + body)
+    sim = Simulation("williamson2", ne=2, np=4, dt=864.0, stepper=file)
+    with pytest.raises(ConfigError, match=r"custom.py fails: LookupError: lost \(custom.py, line"):
+        sim.step()
 
 
 @pytest.mark.parametrize("fault", FAULTS)

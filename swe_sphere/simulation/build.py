@@ -238,9 +238,6 @@ EXPECTED = b"Could not find or load the NVIDIA CUDA driver"
 """Messages that Warp's native library writes to stderr on every machine without a GPU."""
 
 
-NO_CACHE = ": set WARP_CACHE_PATH to a folder that can be written to"
-
-
 def start_warp() -> None:
     """Import and initialise Warp, without its message that there is no GPU."""
     import warp as wp
@@ -251,7 +248,8 @@ def start_warp() -> None:
         stderr = os.dup(2)
         os.dup2(caught.fileno(), 2)
         try:
-            with clear_errors("compiled kernels cannot be kept", after=NO_CACHE):
+            hint = ": set WARP_CACHE_PATH to a folder that can be written to"
+            with clear_errors("compiled kernels cannot be kept", after=hint):
                 wp.init()
         finally:
             os.dup2(stderr, 2)

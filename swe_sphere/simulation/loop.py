@@ -18,9 +18,7 @@ from swe_sphere.simulation.observers import Callback, HealthCheck, Observer, obs
 
 
 class Interrupted(Exception):
-    """The user asked the run to stop; the message names the signal, which has a number."""
-
-    number: int | None = None
+    """The user asked the run to stop; the message names the signal."""
 
 
 class Interruption:
@@ -144,7 +142,6 @@ class Loop:
         sim.release()
         compiled, worked = model.compile_seconds, self._cpu_seconds()
         self._deadline = start - compiled + self._limit - sim.wall_seconds
-        is_asked = False
         try:
             while True:
                 is_asked = self._step(stop - sim.steps)
@@ -196,9 +193,7 @@ class Loop:
         asked = self.sim.comm.tell_all((self.interruption.received, self._is_late))
         for signal_name, _ in asked:
             if signal_name is not None:
-                stopped = Interrupted(signal_name)
-                stopped.number = self.interruption.number
-                raise stopped
+                raise Interrupted(f"interrupted by {signal_name}")
         steps = self.sim.steps
         if steps < self.plan.steps and any(is_late for _, is_late in asked):
             day = self.plan.time(steps) / DAY

@@ -313,6 +313,10 @@ class Callback(Observer):
     """About how many calls there are, in the place of `steps`."""
     sees_end = False
 
+    def __post_init__(self) -> None:
+        if not callable(self.function):
+            raise ConfigError(f"a callback is a function of the simulation, not {self.function!r}")
+
     def check(self, plan: RunPlan) -> None:
         """Raise ConfigError where a call is due in the middle of steps that are taken together."""
         if self.steps > 1 and self.steps % plan.cycle:
@@ -398,8 +402,4 @@ def read_callbacks(callbacks: Iterable[Any]) -> list[Observer]:
     """
     if not isinstance(callbacks, Iterable):
         raise ConfigError(f"callbacks: give a list of functions, not {callbacks!r}")
-    found = [c if isinstance(c, Observer) else Callback(c) for c in callbacks]
-    for each in found:
-        if isinstance(each, Callback) and not callable(each.function):
-            raise ConfigError(f"a callback is a function of the simulation, not {each.function!r}")
-    return found
+    return [each if isinstance(each, Observer) else Callback(each) for each in callbacks]

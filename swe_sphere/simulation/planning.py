@@ -56,8 +56,6 @@ class RunPlan:
     """Number of steps of another length at the end."""
     last: float = 0.0
     """Length of the steps at the end [s]."""
-    phase: int = 0
-    """Number of steps before some frame."""
 
     @property
     def whole(self) -> int:
@@ -79,19 +77,18 @@ class RunPlan:
 
     def is_frame(self, step: int) -> bool:
         """Return whether a frame is due after so many steps."""
-        return step == self.steps or self._recurs(step, self.frame_steps, self.phase)
+        return step == self.steps or self.is_multiple(step, self.frame_steps * self.dt)
 
     def is_multiple(self, step: int, seconds: float) -> bool:
         """Return whether the time after so many steps is a multiple of a time [s]."""
-        phase = self.first + round(-self.origin % seconds / self.dt)
-        return self._recurs(step, round(seconds / self.dt), phase)
+        if not self.first <= step <= self.whole:
+            return False
+        ahead = self.cycle * round(-self.origin % seconds / (self.cycle * self.dt))
+        return (step - self.first - ahead) % round(seconds / self.dt) == 0
 
     def is_sample(self, step: int, times: int) -> bool:
         """Return whether one of about so many samples in a run is due after so many steps."""
         return (step - self.first) % self.interval(times) == 0
-
-    def _recurs(self, step: int, count: int, phase: int) -> bool:
-        return self.first <= step <= self.whole and (step - phase) % count == 0
 
     def interval(self, times: int) -> int:
         """Return the steps between samples of which a run has about so many."""
@@ -183,20 +180,17 @@ def continued_plan(
         )
     long = cycle * plan.dt
     for seconds in also:
-        _whole("every of a callback", seconds, long, origin)
-    interval, phase = _interval(_milliseconds(end), every, plan.dt), plan.first
-    frames = round(interval / long)
+        _check_whole("every of a callback", seconds, long, origin)
+    interval = _interval(_milliseconds(end), every, plan.dt)
     if every is not None:
-        frames, ahead = _whole("every", float(interval), long, origin)
-        phase += cycle * ahead
+        _check_whole("every", float(interval), long, origin)
+    frame_steps = cycle * max(1, round(interval / long))
     whole = math.floor((end - origin) / long + 1e-6)
     left = end - origin - whole * long
     tail = cycle if left > 1e-6 * plan.dt else 0
     steps = plan.first + cycle * whole + tail
-    return replace(
-        plan, steps=steps, frame_steps=min(cycle * max(1, frames), steps), phase=phase, tail=tail,
-        last=left / cycle if tail else 0.0, wanted=plan.dt,
-    )  # fmt: skip
+    last = left / cycle if tail else 0.0
+    return replace(plan, steps=steps, frame_steps=frame_steps, tail=tail, last=last, wanted=plan.dt)
 
 
 def led_plan(plan: RunPlan, done: int, now: float, also: Sequence[float] = ()) -> RunPlan:
@@ -217,14 +211,12 @@ def led_plan(plan: RunPlan, done: int, now: float, also: Sequence[float] = ()) -
         lead = float(ahead / (first - done))
     if origin == end:
         return replace(
-            plan, dt=lead, steps=first, first=first, origin=end, lead=lead, tail=0, phase=first,
+            plan, dt=lead, steps=first, first=first, origin=end, lead=lead, tail=0,
             frame_steps=max(1, round(interval / lead)),
         )  # fmt: skip
     whole = plan.whole - round(origin / plan.dt)
-    return replace(
-        plan, steps=first + whole + plan.tail, first=first, origin=origin, lead=lead,
-        phase=first + round(-origin % interval / plan.dt),
-    )  # fmt: skip
+    steps = first + whole + plan.tail
+    return replace(plan, steps=steps, first=first, origin=origin, lead=lead)
 
 
 def _interval(length: Fraction, every: float | None, dt: float) -> Fraction:
@@ -256,11 +248,8 @@ def common_measure(a: Fraction, b: Fraction) -> Fraction:
     return Fraction(numerator, a.denominator * b.denominator)
 
 
-def _whole(name: str, length: float, dt: float, origin: float) -> tuple[int, int]:
-    """Return the steps of dt in a length, and those from the origin to a multiple of it [s].
-
-    Raises ConfigError where they are no whole numbers.
-    """
+def _check_whole(name: str, length: float, dt: float, origin: float) -> None:
+    """Raise ConfigError unless steps of dt from the origin meet all multiples of a length [s]."""
     steps, ahead = round(length / dt), -origin % length / dt
     if steps < 1 or max(abs(steps * dt - length) / dt, abs(ahead - round(ahead))) > 1e-6:
         nearest = sorted({max(1, math.floor(length / dt)), math.ceil(length / dt)})
@@ -268,7 +257,6 @@ def _whole(name: str, length: float, dt: float, origin: float) -> tuple[int, int
             f"{name}: {length / HOUR:g} h is no whole number of the steps of {dt:g} s that the run"
             f" takes; choose {' or '.join(f'{n * dt / HOUR:.9g}' for n in nearest)} h, or dt=auto"
         )
-    return steps, round(ahead)
 
 
 def automatic_step(sim: Any, days: float) -> tuple[float, str]:
@@ -318,11 +306,11 @@ def plan_run(sim: Any, also: Sequence[float] = ()) -> RunPlan:
     if done:
         try:
             present = continued_plan(sim.grid, days, every, done, also)
+            if not automatic:
+                return present
         except ConfigError:
             if not automatic or days * DAY <= sim.time + 1e-6:
                 raise
-        if present is not None and not automatic:
-            return present
     dt, rule = _chosen_step(sim, days - sim.time / DAY if days else 1.0)
     cycle, fewer = tracer_cycle(sim, dt), config.tracer_steps == "auto"
     plan = time_plan(days, every, dt, also, cycle, fewer, automatic)

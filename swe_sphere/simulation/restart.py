@@ -42,8 +42,6 @@ INHERITED = RunConfig.model_fields.keys() - {
 
 LONGEST_NAME = 247
 """Bytes that the name of a file may have, so that the names of the files beside it fit too."""
-CODE = ("stepper", "preconditioner")
-"""Inherited fields that may name a Python file."""
 
 
 def appends(config: RunConfig) -> bool:
@@ -154,7 +152,7 @@ class Restart:
     def adopt(self, config: RunConfig) -> RunConfig:
         """Return the configuration, with the values of the earlier run for what it leaves open."""
         kept = {name: value for name, value in self.table().items() if name in INHERITED}
-        for name in CODE:
+        for name in ("stepper", "preconditioner"):  # each may be a Python file
             if name not in config.model_fields_set:
                 check_trusted(kept.get(name), self.path, config.trust)
         if "diagnostics" not in config.model_fields_set:

@@ -168,7 +168,6 @@ class Simulation:
         config = config if self._restart is None else self._restart.adopt(config)
         self.config = self._configured = config
         """The configuration, with what the present run was asked for."""
-        self._continues = config.restart  # the file of frames that a run may continue
         added = objects.pop("effects", ())
         self.kind = get_stepper(objects.pop("stepper", config.stepper))
         """The class of the stepper."""
@@ -187,41 +186,42 @@ class Simulation:
         if self._restart is not None:
             self._restart.check(self.identity)
         self._build()
-        self.wall_seconds = self.cpu_seconds = 0.0
-        """Wall time, and CPU time of all threads, of steps without compiling and observing [s]."""
-        self.outcome = Summary("not begun")
-        """How the last run ended, without numbers."""
-        self.run_id = ""
-        """Identifier of the file of frames that was written last, or that a restart resumes."""
         self.warn: Warn = lambda text: None
         """Called with each warning of a run."""
         self.own_axes: dict[Diagnostic, int] = {}
         """Axes of the first value of each user-defined diagnostic: files have variables for it."""
         self.lost: set[Diagnostic] = set()
         """User-defined diagnostics that were not finite, of which there is one warning each."""
-        self._signal: int | None = None  # number of the signal that ended the last run
+        self._signal: int | None = None  # number of the signal that came during the last run
+        self.reset()
+
+    @exclusive
+    def reset(self) -> None:
+        """Return to the initial state, or to the state of the checkpoint that was resumed."""
+        restart, self.config = self._restart, self._configured
+        self._continues = self.config.restart  # the file of frames that a run may continue
+        self.run_id = "" if restart is None else str(restart.attributes.get("run_id", ""))
+        """Identifier of the file of frames that was written last, or that a restart resumes."""
+        self.outcome = Summary("not begun")
+        """How the last run ended, without numbers."""
+        self.wall_seconds = self.cpu_seconds = 0.0
+        """Wall time, and CPU time of all threads, of steps without compiling and observing [s]."""
         self._plan: RunPlan | None = None
         self._stepper: Trajectory | None = None
         self._snapshot: Snapshot | None = None
         self._lengths: list[tuple[int, float, float]] = []
         """Lengths of steps so far [s], each with the number of steps and the time before it [s]."""
-        self._counted: dict[str, int] = {}  # counters of the model at that time
+        self._counted = dict(self.model.counters)  # at the time when the stepper was built
         self._spent: Numbers = {}  # what had been counted by then
-        if self._restart is not None:
-            self.run_id = str(self._restart.attributes.get("run_id", ""))
-            if self._restart.steps:
-                self._plan = self._restart.plan(config.dt)
-                self._start_stepper()
+        if restart is not None and restart.steps:
+            self._plan = restart.plan(self.config.dt)
+            self._start_stepper()
 
     def _build(self) -> None:
         """Build what the configuration requests on the mesh; the model comes last."""
         config = self.config
-        self.reference: Reference | None = None
+        self.reference = _read_reference(config.reference)
         """The solution at the end of the run."""
-        if config.reference is not None:
-            from swe_sphere.io.reference_solution import Reference  # needs scipy's splines
-
-            self.reference = Reference(config.reference)
         if config.days is not None:
             self._check_reference()
         for path in config.diagnostics:
@@ -315,25 +315,20 @@ class Simulation:
         times do not fit together, or an option of the stepper has the name of a diagnostic.
         """
         check_options(self.kind.name, self.options)
-        if plan is not None:
-            self._plan = planning.with_cycle(self, plan)
-        else:
-            self._plan = planning.plan_run(self, also)
+        self._plan = planning.with_cycle(self, plan) if plan else planning.plan_run(self, also)
         if self._stepper is None or not self.steps:
             self._start_stepper()
 
     def _start_stepper(self) -> None:
         """Build the stepper of the plan, at the initial state or that of the checkpoint."""
         restart, plan = self._restart, self.plan
-        dt = plan.dt if restart is None else restart.lengths(plan.dt)[-1][-1]
-        stepper = self._make_stepper(dt, plan.cycle)
-        self._lengths = [(0, 0.0, dt)]
-        with users_code():
-            if restart is None:
-                stepper.start(self.model.initial_state())
-            else:
-                self._spent, self._lengths = restart.counts, restart.lengths(dt)
-                restart.load_into(stepper, self._before)
+        lengths = [(0, 0.0, plan.dt)] if restart is None else restart.lengths(plan.dt)
+        stepper, self._lengths = self._make_stepper(lengths[-1][-1], plan.cycle), lengths
+        if restart is None:
+            stepper.start(self.model.initial_state())
+        else:
+            self._spent = restart.counts
+            restart.load_into(stepper, self._before)
 
     def _make_stepper(self, dt: float, cycle: int) -> Trajectory:
         """Build the present stepper: with steps of dt [s], so many of them taken together."""
@@ -341,16 +336,15 @@ class Simulation:
         from swe_sphere.steppers.tracer_steps import CarriedTracers, CarriedWithDepth
 
         model, options = self.model, self.options | self._objects
-        with users_code():
-            stepper: Trajectory
-            if cycle == 1:
-                stepper = single = self.kind(model, dt, **options)
-                if self.config.adaptive is not None:
-                    stepper = AdaptiveSteps(single, self.config.adaptive)
-            elif self.scene.wind is None:
-                stepper = CarriedTracers(model, self.kind(model.carrier, dt, **options), cycle)
-            else:
-                stepper = CarriedWithDepth(model, self.kind, dt, cycle)
+        stepper: Trajectory
+        if cycle == 1:
+            stepper = single = self.kind(model, dt, **options)
+            if self.config.adaptive is not None:
+                stepper = AdaptiveSteps(single, self.config.adaptive)
+        elif self.scene.wind is None:
+            stepper = CarriedTracers(model, self.kind(model.carrier, dt, **options), cycle)
+        else:
+            stepper = CarriedWithDepth(model, self.kind, dt, cycle)
         self._stepper, self._snapshot = stepper, None
         self._counted = dict(model.counters)
         return stepper
@@ -365,8 +359,7 @@ class Simulation:
         stepper = self._make_stepper(dt, cycle)
         self._spent = spent
         self._lengths.append((steps, now, dt))
-        with users_code():
-            stepper.follow(old, now)
+        stepper.follow(old, now)
 
     @property
     def _before(self) -> int:
@@ -403,16 +396,6 @@ class Simulation:
         return 0.0 if self._stepper is None else round(self._stepper.time, 6)
 
     @exclusive
-    def reset(self) -> None:
-        """Return to the initial state, or to the state of the checkpoint that was resumed."""
-        self._stepper = self._plan = self._snapshot = None
-        self._lengths, self._spent, self._counted = [], {}, dict(self.model.counters)
-        self.wall_seconds = self.cpu_seconds = 0.0
-        self.outcome, self.config = Summary("not begun"), self._configured
-        if self._restart is not None and self._restart.steps:
-            self._plan = self._restart.plan(self.config.dt)
-            self._start_stepper()
-
     def step(self) -> None:
         """Take one step; RunFailed where it cannot be taken."""
         self._begin_once()
@@ -439,17 +422,14 @@ class Simulation:
         interruption: notes the signals of several simulations; it has Interrupted raised where the
         user asked to stop.
         """
-        self.outcome, self._signal = Summary("running"), None
+        self.outcome, noted = Summary("running"), interruption or Interruption()
         with ExitStack() as stack:  # each observer ends if it has begun
             try:
                 for observer in observers:
                     observed(observer, "begin", self.plan, self.snapshot)
                     stack.callback(self._end, observer)
                 _ = self.snapshot.own  # a diagnostic that fails does so before the first step
-                with (
-                    users_code(),
-                    nullcontext(interruption) if interruption else Interruption() as noted,
-                ):
+                with users_code(), nullcontext() if interruption else noted:
                     Loop(self, observers, time_limit, noted, since).run()
                 _ = self.diagnostics  # one that fails ends the run like other errors
                 self.outcome = Summary()
@@ -458,6 +438,7 @@ class Simulation:
                     raise
                 # before observers end, which may take all ranks
                 self._ended_by(error)
+        self._signal = noted.number
         return self.outcome
 
     def _end(self, observer: Observer) -> None:
@@ -472,7 +453,6 @@ class Simulation:
                 self.outcome = replace(ended, status="failed", reason=reason)
 
     def _ended_by(self, error: Exception) -> None:
-        self._signal = getattr(error, "number", None)
         self.outcome = summary_of(error, self.time)
         self.comm.agree_to_fail(self.outcome.reason or "")
 
@@ -547,8 +527,8 @@ class Simulation:
             self._ended_by(error)
         else:
             self.advance(observers, config.time_limit, since=since)
-        if self._signal is not None and raises:
-            signal.raise_signal(self._signal)
+            if self._signal is not None and raises:
+                signal.raise_signal(self._signal)
         return self.summary
 
     def _warn(self, text: str) -> None:
@@ -637,24 +617,18 @@ class Simulation:
         numbers |= {**dict.fromkeys(COSTS, 0), **self.counts()}
         if outcome.is_sound:
             numbers |= self.diagnostics
-        if outcome.completed and (reference := self.reference or self._shipped_solution()):
-            numbers |= reference_errors(reference, self.snapshot)
-            numbers["reference"] = reference.path.name
+        if outcome.completed:
+            own = self.initial is not None
+            shipped = None if own else build.shipped_solution(self.scene, self.time / DAY)
+            if reference := self.reference or _read_reference(shipped):
+                numbers |= reference_errors(reference, self.snapshot)
+                numbers["reference"] = reference.path.name
         if (cuts := getattr(self._stepper, "cuts", None)) is not None:
             numbers["cuts"] = list(cuts)
         if changes := self._lengths[1:]:
             words = [f"{dt:.6g} s from day {now / DAY:.6g} on" for _, now, dt in changes]
             numbers["step_changes"] = words
         return replace(outcome, numbers=numbers)
-
-    def _shipped_solution(self) -> Reference | None:
-        """Return the solution of the scene at the present time that comes with the package."""
-        path = build.shipped_solution(self.scene, self.time / DAY)
-        if path is None:
-            return None
-        from swe_sphere.io.reference_solution import Reference  # needs scipy's splines
-
-        return Reference(path)
 
     def _method(self) -> dict[str, object]:
         """Return how the scene is stepped, and on what; values of a plan are None without one."""
@@ -673,12 +647,12 @@ class Simulation:
 
     def attributes(self) -> dict[str, object]:
         """Return the resolved configuration, as files have it."""
-        known = self.identity | self._method()
-        begun = self.initial
+        begun, known = self.initial, self.identity | self._method()
+        if begun is not None:
+            known |= {"origin": begun.origin, "history": begun.history}
         return {
             "references": self.scene.reference,
             **{name: value for name, value in known.items() if value is not None},
-            **({} if begun is None else {"origin": begun.origin, "history": begun.history}),
             "identity": self.identity,
             "code": code_fingerprint(),
             "configuration": self.config.model_dump(mode="json"),
@@ -771,10 +745,18 @@ class Simulation:
         rows = [("scene", self.scene.title), ("result", "not begun")]
         if self._stepper is not None:
             try:
-                rows = self.summary.rows()
+                rows = self.summary.all_rows()
             except RunFailed as error:
                 rows[1] = ("why", str(error))
         return html_table(repr(self), rows)
+
+
+def _read_reference(path: Path | None) -> Reference | None:
+    if path is None:
+        return None
+    from swe_sphere.io.reference_solution import Reference  # needs scipy's splines
+
+    return Reference(path)
 
 
 def _begun(value: T | None) -> T:

@@ -95,9 +95,13 @@ class Summary(Mapping[str, Any]):
         rows = (line.partition(" | ") for line in text.splitlines())
         return [(label, value) for label, _, value in rows if value]
 
-    def __str__(self) -> str:
+    def all_rows(self) -> list[tuple[str, str]]:
+        """Return the lines of the table, and why the run stopped early."""
         rows = self.rows() if "title" in self else [("result", self.status)]
-        rows += [("why", self.reason)] if self.reason else []
+        return rows + ([("why", self.reason)] if self.reason else [])
+
+    def __str__(self) -> str:
+        rows = self.all_rows()
         width = max(len(label) for label, _ in rows)
         return "\n".join([self.title, *(f"{a:{width}}  {b}" for a, b in rows)])
 
@@ -106,16 +110,14 @@ class Summary(Mapping[str, Any]):
         return f"<Summary of {self.title}: {self.status}{reason}>"
 
     def _repr_html_(self) -> str:
-        reason = [("why", self.reason)] if self.reason else []
-        return html_table(self.title, [*self.rows(), *reason])
+        return html_table(self.title, self.all_rows())
 
 
 def summary_of(error: Exception, time: float) -> Summary:
     """Return how an error ended a run at a time [s], without numbers."""
     text = in_one_line(error)
     if isinstance(error, Interrupted):
-        reason = f"interrupted by {error} at day {time / DAY:.4g}"
-        return Summary("interrupted", reason, INTERRUPTED)
+        return Summary("interrupted", f"{error} at day {time / DAY:.4g}", INTERRUPTED)
     if not isinstance(error, SweError):
         return Summary("solver-failed", f"{type(error).__name__}: {text}", RunFailed.exit_status)
     # it is too late to refuse the run for what functions of the scene raise while it is stepped
