@@ -142,12 +142,12 @@ class Loop:
         sim.release()
         compiled, worked = model.compile_seconds, self._cpu_seconds()
         self._deadline = start - compiled + self._limit - sim.wall_seconds
+        is_asked = False
         try:
-            while True:
-                is_asked = self._step(stop - sim.steps)
+            while not is_asked and sim.steps < stop:
+                self._step(stop - sim.steps)
                 self._tick(time.monotonic())
-                if is_asked or sim.steps >= stop or (is_asked := self._is_asked_to_stop()):
-                    break
+                is_asked = sim.steps < stop and self._is_asked_to_stop()
             wp.synchronize_device(model.device)
             return is_asked
         finally:
@@ -155,23 +155,18 @@ class Loop:
             sim.wall_seconds += elapsed - (model.compile_seconds - compiled)
             sim.cpu_seconds += self._cpu_seconds() - worked
 
-    def _step(self, most: int) -> bool:
-        """Take a step, or up to `most` steps at once.
-
-        Where a long step is given up, return True, with the state before it.
-        """
+    def _step(self, most: int) -> None:
+        """Take a step, or up to `most` at once; a step that is given up changes nothing."""
         stepper = self.sim.stepper
         if not stepper.can_give_up:
             stepper.take(most)
-            return False
+            return
         restore = stepper.keep()
         token = stop_is_asked.set(self._is_asked_to_stop)
         try:
             stepper.step()
-            return False
         except GivenUp:
             restore()
-            return True
         finally:
             stop_is_asked.reset(token)
 
