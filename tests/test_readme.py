@@ -51,7 +51,7 @@ def test_the_first_lines_of_python_run(capsys):
 
 
 def test_the_configuration_file_is_valid(tmp_path):
-    block = COMMAND_PAGE.split("(`swe-sphere run --config run.toml`):\n")[1].split("## Mesh")[0]
+    block = COMMAND_PAGE.split("for `--config run.toml`:\n")[1].split("## Mesh")[0]
     (tmp_path / "run.toml").write_text(textwrap.dedent(block))
     config = make_config(load_config(tmp_path / "run.toml"))
     assert (config.ne, config.settings) == (16, (("hyperviscosity", "nu", "default"),))
@@ -127,8 +127,8 @@ def files_of_the_reader(tmp_path_factory):
     (folder / "slow.toml").write_text(slow)
     (folder / "mine.toml").write_text('scene = "lauter"\nsteppers = ["rk4"]\n')
     shutil.copy(ROOT / "tests" / "data" / "analysis.nc", folder)
-    for name in ("a.nc", "b.nc"):
-        short = {"scene": "williamson2", "ne": 2, "np": 4, "days": 0.01}
+    for name, days in (("a.nc", 0.01), ("b.nc", 0.01), ("run.nc", 0.25)):
+        short = {"scene": "williamson2", "ne": 2, "np": 4, "days": days, "every": 6.0}
         run(make_config(short | {"out": str(folder / name)}))
     return folder
 

