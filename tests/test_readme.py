@@ -127,7 +127,7 @@ def files_of_the_reader(tmp_path_factory):
     (folder / "slow.toml").write_text(slow)
     (folder / "mine.toml").write_text('scene = "lauter"\nsteppers = ["rk4"]\n')
     shutil.copy(ROOT / "tests" / "data" / "analysis.nc", folder)
-    for name, days in (("a.nc", 0.01), ("b.nc", 0.01), ("run.nc", 0.25)):
+    for name, days in (("a.nc", 0.01), ("b.nc", 0.01), ("earlier.nc", 0.25)):
         short = {"scene": "williamson2", "ne": 2, "np": 4, "days": days, "every": 6.0}
         run(make_config(short | {"out": str(folder / name)}))
     return folder
