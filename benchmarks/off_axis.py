@@ -559,7 +559,7 @@ def early_jet() -> Section:
 
 
 def drifts() -> Section:
-    """What is conserved, by polynomial degree."""
+    """Measure the drift of conserved quantities by polynomial degree."""
     names = ("mass_drift", "energy_drift", "enstrophy_drift", "angular_momentum_drift")
     rows = []
     for scene in ("williamson6", "galewsky"):

@@ -11,6 +11,7 @@ import pytest
 import warp as wp
 
 from swe_sphere import compiling
+from swe_sphere.cli.main import main
 from swe_sphere.mesh import Mesh
 from swe_sphere.pictures import plot
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS
@@ -69,3 +70,17 @@ def blank_figures(monkeypatch):
 def small_mesh() -> Mesh:
     """Stretched and turned, so that no symmetry hides a mistake: 24 elements of np 4."""
     return Mesh.build(2, 4, stretch=1.5, centre=(40.0, 23.0), spin=17.0)
+
+
+@pytest.fixture
+def swe(capfd, tmp_path, monkeypatch):
+    """Return a function that runs the program in an empty folder: status, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as end:
+            main([str(argument) for argument in arguments])
+        out, err = capfd.readouterr()
+        return end.value.code, out, err
+
+    return call

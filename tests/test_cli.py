@@ -15,7 +15,6 @@ import netCDF4
 import numpy as np
 import pytest
 
-from swe_sphere.cli.main import main
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.simulation.build import start_warp
 from swe_sphere.simulation.observers import LogLines
@@ -29,20 +28,6 @@ KEYS = {
     "mass_drift", "energy_drift", "enstrophy_drift", "completed", "reason",
 }  # fmt: skip
 SMALL = ("--ne", "2", "--days", "0.5")
-
-
-@pytest.fixture
-def swe(capfd, tmp_path, monkeypatch):
-    """Runs the program in this process, in a folder of its own: status, stdout, stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as end:
-            main([str(argument) for argument in arguments])
-        out, err = capfd.readouterr()
-        return end.value.code, out, err
-
-    return call
 
 
 def process(*arguments, **options):

@@ -184,7 +184,7 @@ def test_no_depth_anywhere_is_refused():
 @pytest.mark.parametrize("stepper", ["rk4", "tr-bdf2", "bdf2", "semi-implicit", "epi3"])
 @pytest.mark.parametrize("step", [1, 4])
 def test_a_callback_that_spoils_the_state_ends_the_run(stepper, step, tmp_path):
-    """In the last step too, and with all frames that were written before."""
+    """A fault in the last step ends the run too, and all earlier frames are kept."""
     seen = []
 
     def spoil(sim):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from swe_sphere.analysis.accessor import open_run
-from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.checkpoint import checkpoint_path
 from swe_sphere.io.runfile import RunFile
@@ -29,16 +28,9 @@ EXECUTED = "\nfrom pathlib import Path\nPath('executed').touch()\n"
 
 
 @pytest.fixture
-def swe(capfd, tmp_path, monkeypatch):
-    """Runs the program in this process, in a folder of its own: status and stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as end:
-            main([str(argument) for argument in arguments])
-        return end.value.code, capfd.readouterr().err
-
-    return call
+def swe(swe):
+    """Return a function that runs the program and returns its status and stderr."""
+    return lambda *arguments: swe(*arguments)[::2]
 
 
 @pytest.fixture
@@ -60,7 +52,7 @@ def run_with(swe):
 
 
 def executed() -> bool:
-    """Whether mine.py was executed since the last call."""
+    """Return whether mine.py was executed since the last call."""
     mark = Path("executed")
     there = mark.exists()
     mark.unlink(missing_ok=True)

@@ -18,7 +18,7 @@ from swe_sphere.testcases import get_scene
 
 
 def coefficients(name: str, *attributes: str) -> dict[str, object]:
-    """Those of a stepper of the package."""
+    """Return the coefficients of a stepper of the package."""
     return {attribute: getattr(STEPPERS[name], attribute) for attribute in attributes}
 
 

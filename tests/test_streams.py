@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from swe_sphere.cli.main import main
 from swe_sphere.cli.streams import Results
 from swe_sphere.io.runfile import RunFile
 
@@ -67,16 +66,9 @@ def test_a_run_whose_notes_nobody_reads_goes_to_its_end(closed, tmp_path):
 
 
 @pytest.fixture
-def swe(capfd, tmp_path, monkeypatch):
-    """Runs the program in this process, in a folder of its own: status and stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as end:
-            main([str(argument) for argument in arguments])
-        return end.value.code, capfd.readouterr().err
-
-    return call
+def swe(swe):
+    """Return a function that runs the program and returns its status and stderr."""
+    return lambda *arguments: swe(*arguments)[::2]
 
 
 @pytest.mark.parametrize(

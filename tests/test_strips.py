@@ -88,7 +88,7 @@ def test_effects_and_tracers_have_the_same_bits(monkeypatch, name, scene):
 @pytest.mark.parametrize("name", ["forward-backward", "leapfrog"])
 @pytest.mark.parametrize("c", [0.01, 4.0])
 def test_the_edge_penalty_acts_between_steps_taken_at_once(monkeypatch, waves, name, c):
-    """In the middle of its cycle, whose length depends on its strength."""
+    """The penalty acts in the middle of its cycle, whose length depends on its strength."""
     scene = get_scene("williamson5").with_effect(EdgePenalty(c))
     case = Mesh.build(3, 4), scene, name
     monkeypatch.setitem(globals(), "STEPS", 40)

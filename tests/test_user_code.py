@@ -86,7 +86,7 @@ def test_a_stability_limit_that_is_none_is_one_line(value, tmp_path, capfd):
 
 
 def test_simulations_in_threads_work_one_after_the_other():
-    """With the results of each alone, whatever they record."""
+    """Threads obtain the results of single runs, whatever they record."""
     kinds = ("rk4", "tr-bdf2", "rk4", "semi-implicit")
     found: dict[int, object] = {}
 

@@ -50,9 +50,9 @@ class Cuts(NamedTuple):
     begin: int
     """First argument of the kernel in the whole launch."""
     step: int
-    """By how much that argument grows from thread to thread."""
+    """Increment of that argument from thread to thread."""
     reach: int
-    """How many strips a launch over elements reads ahead; 0 for one over nodes."""
+    """Number of strips that a launch over elements reads ahead; 0 for a launch over nodes."""
 
 
 TEMPLATES = "-fpch-instantiate-templates"

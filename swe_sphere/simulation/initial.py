@@ -27,7 +27,7 @@ class Initial:
     """
 
     origin, identity, history = "a function", "a function", ""
-    """Where the state is from, a short name that equal states share, and history of its file."""
+    """Origin of the state, a short name that equal states share, and the history of its file."""
 
     def __init__(self, given: Any, day: float | None) -> None:
         import xarray as xr  # takes its time to import

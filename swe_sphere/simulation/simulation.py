@@ -173,7 +173,7 @@ class Simulation:
         """The class of the stepper."""
         self.scene = build.make_scene(config, scene if isinstance(scene, Scene) else None, added)
         self.initial: Initial | None = None
-        """What the run begins from in the place of the scene's initial state; None: from that."""
+        """Replacement of the initial state of the scene, or None."""
         begun = objects.pop("initial", config.initial)
         if begun is not None or config.initial_time is not None:
             self.initial = Initial(begun, config.initial_time)

@@ -219,7 +219,7 @@ class Ranking:
     runs: pd.DataFrame
     """All runs on the mesh, by number."""
     table: pd.DataFrame
-    """For each curve the number of its cheapest run for each target, and of the run with its
+    """Numbers of the cheapest run of each curve for each target, and of the run with its
     smallest error; 0 where there is none."""
     note: str = ""
     """What to keep in mind."""
