@@ -87,11 +87,15 @@ def products(
     """
     row, chunk, lane = wp.tid()
     total = wp.float64(0.0)
+    first = lane
     for field in range(0, v.shape[0], size):
         for kind in range(spans.shape[0]):
+            begin = field + spans[kind, chunk, 0]
             end = field + spans[kind, chunk, 1]
-            for i in range(field + spans[kind, chunk, 0] + lane, end, wp.block_dim()):
+            for i in range(begin + first, end, wp.block_dim()):
                 total += weights[i] * wp.float64(stack[row, i]) * wp.float64(v[i])
+            # lanes take turns across spans, or where spans part would show in the sum
+            first = (first + wp.block_dim() - (end - begin) % wp.block_dim()) % wp.block_dim()
     wp.tile_store(partial[row], wp.tile_sum(wp.tile(total)), offset=chunk)
 
 
