@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -41,9 +42,9 @@ if TYPE_CHECKING:
     from swe_sphere.io.runfile import Frame
 
 Fields = dict[str, Array]
+Numbers = dict[str, float]
 F = TypeVar("F", bound=Callable[[Any], Any])
 T = TypeVar("T")
-Numbers = dict[str, float]
 
 
 class Snapshot:
@@ -78,7 +79,22 @@ class Snapshot:
 
     @cached_property
     def _numbers(self) -> Numbers:
-        return {} if self.sim is None else numbers_of(self)
+        """Integrals, drifts, Courant numbers, numbers of tracers and exact errors."""
+        if self.sim is None:
+            return {}
+        model, fields, (start, masses) = self.model, self.all_fields, self.sim.initial_numbers
+        scene, mesh, dt = model.scene, model.mesh, self.sim.present_dt
+        now = state_integrals(model, fields)
+        found = now | drifts(start, now) | tracer_numbers(mesh, fields, masses)
+        if dt is not None:
+            found |= courant_numbers(mesh, dt, now)
+        if scene.exact is not None:
+            found |= by_name(flow_errors(model, fields, exact_fields(model, self.time)))
+        if scene.exact_tracers is not None:
+            exact = scene.exact_tracers(mesh.lon, mesh.lat, self.time)
+            found |= tracer_errors(mesh, fields, exact)
+        left_out = () if scene.wind is None else OF_FREE_WINDS
+        return {name: value for name, value in found.items() if name not in left_out}
 
     @property
     def diagnostics(self) -> Numbers:
@@ -171,23 +187,6 @@ OF_FREE_WINDS = (
 """Numbers that are left out where the wind is prescribed: the scene changes them, not the model."""
 
 
-def numbers_of(snapshot: Snapshot) -> Numbers:
-    """Return integrals, drifts, Courant numbers, numbers of tracers and exact errors."""
-    model, fields, time = snapshot.model, snapshot.all_fields, snapshot.time
-    scene, mesh, dt = model.scene, model.mesh, snapshot.sim.present_dt
-    start, masses = snapshot.sim.initial_numbers
-    now = state_integrals(model, fields)
-    found = now | drifts(start, now) | tracer_numbers(mesh, fields, masses)
-    if dt is not None:
-        found |= courant_numbers(mesh, dt, now)
-    if scene.exact is not None:
-        found |= by_name(flow_errors(model, fields, exact_fields(model, time)))
-    if scene.exact_tracers is not None:
-        found |= tracer_errors(mesh, fields, scene.exact_tracers(mesh.lon, mesh.lat, time))
-    left_out = () if scene.wind is None else OF_FREE_WINDS
-    return {name: value for name, value in found.items() if name not in left_out}
-
-
 def reference_errors(reference: Reference, snapshot: Snapshot) -> Numbers:
     """Return l1_h, l2_h, linf_h and, where the reference has a wind, l1_v, l2_v, linf_v."""
     from swe_sphere.io.reference_solution import OnGrid  # needs scipy's splines
@@ -205,36 +204,12 @@ def called(what: str, function: Callable[..., T], *arguments: Any) -> T:
         raise RunFailed(str(error)) from error
 
 
-KEYS = (
-    "scene", "stepper", "ne", "np", "dt", "steps", "days", "wall_seconds", "compile_seconds",
-    "rhs_evaluations", "newton_iterations", "krylov_iterations", "l1_h", "l2_h", "linf_h",
-    "l2_v", "mass_drift", "energy_drift", "enstrophy_drift", "completed", "reason",
-)  # fmt: skip
-"""Keys that every JSON line has, in this order; more follow."""
-
+NAMES = tomllib.loads(Path(__file__).with_name("names.toml").read_text("utf-8"))
+"""Names of values in files and summaries, which no diagnostic may have."""
 TAKEN = frozenset({
-    *KEYS, *(name for names in VARIABLES.values() for name in names), *MESH_ATTRIBUTES, *TOPOLOGY,
-    "Conventions", "accepted_steps", "advective_limit", "code", "configuration", "corner",
-    "courant_advective", "courant_gravity", "cpu", "cpu_seconds", "cuts", "days_planned", "device",
-    "diagnostic_time", "dt_rule", "dt_wanted", "effects", "error", "face", "fast_steps", "field",
-    "gravity_limit", "history", "identity", "initial", "jobs", "key", "kind", "krylov_steps",
-    "l1_v", "launch", "linf_v", "node", "norm", "origin", "out", "peak_memory", "planet",
-    "plot_field", "precision", "preconditioner_applications", "record", "reference", "references",
-    "rejected_steps", "repeat", "report_day", "role", "run", "run_id", "scene_parameters", "scheme",
-    "settings", "setup_seconds", "setups", "source", "sources", "spread", "stable_dt", "start_step",
-    "status", "step_changes", "stepper_options", "steps_at_once", "summary",
-    "tangent_evaluations", "time", "title", "total_seconds", "tracer_stages", "tracer_steps",
-    "wall", "wind",
+    *NAMES["keys"], *NAMES["others"], *(name for names in VARIABLES.values() for name in names),
+    *MESH_ATTRIBUTES, *TOPOLOGY,
 })  # fmt: skip
-"""Names of other values in files and summaries of runs."""
-OPTIONS = frozenset({
-    "preconditioner", "tolerance", "diffusion", "strength", "share", "substeps",
-})  # fmt: skip
-"""Names of the options of steppers in summaries of runs."""
-TAKEN_BEGINNINGS = (
-    "counter_", "q_", "hq_", "l1_q_", "l2_q_", "linf_q_", "min_q_", "max_q_", "mass_drift_q_",
-)  # fmt: skip
-"""Beginnings of further such names: of counters, and of all numbers of tracers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,7 +295,7 @@ def diagnostic(
     called = name or function.__name__
     if not called.isidentifier():
         raise ConfigError(f"the diagnostic {called!r} needs a name= of letters, digits and _")
-    if called in OPTIONS or _is_taken(called):
+    if called in NAMES["options"] or _is_taken(called):
         raise ConfigError(f"the diagnostic {called!r} needs another name: files have one of it")
     words = long_name or first_line(function) or called
     DIAGNOSTICS[called] = Diagnostic(called, function, units, words)
@@ -328,7 +303,7 @@ def diagnostic(
 
 
 def _is_taken(name: str) -> bool:
-    return name in TAKEN or name.startswith(TAKEN_BEGINNINGS)
+    return name in TAKEN or name.startswith(tuple(NAMES["beginnings"]))
 
 
 def load_diagnostics(path: Path) -> None:

@@ -33,6 +33,7 @@ from swe_sphere.settings.values import convert, validated
 from swe_sphere.simulation import build, planning
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.diagnostics import (
+    NAMES,
     Diagnostic,
     Fields,
     Numbers,
@@ -76,12 +77,6 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 Warn = Callable[[str], None]
-
-COSTS = (
-    "newton_iterations", "krylov_iterations", "rejected_steps", "tangent_evaluations",
-    "preconditioner_applications", "setups", "setup_seconds",
-)  # fmt: skip
-"""Costs that every summary has, also where they are zero."""
 
 FAR = 1.05
 """A step longer than the stability limit by this factor causes a warning."""
@@ -614,7 +609,7 @@ class Simulation:
             "out": None if self.config.out is None else str(self.config.out),
             "compile_seconds": self.model.compile_seconds,
         }
-        numbers |= {**dict.fromkeys(COSTS, 0), **self.counts()}
+        numbers |= {**dict.fromkeys(NAMES["costs"], 0), **self.counts()}
         if outcome.is_sound:
             numbers |= self.diagnostics
         if outcome.completed:

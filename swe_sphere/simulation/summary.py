@@ -11,7 +11,7 @@ from typing import Any
 from swe_sphere.errors import ConfigError, RunFailed, SweError, in_one_line, unknown_name
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.diagnostics import DIAGNOSTICS, KEYS
+from swe_sphere.simulation.diagnostics import DIAGNOSTICS, NAMES
 from swe_sphere.simulation.loop import Interrupted
 
 ROWS = Path(__file__).with_name("summary.j2")
@@ -63,7 +63,7 @@ class Summary(Mapping[str, Any]):
     def as_dict(self) -> dict[str, Any]:
         """Return all values of the JSON line; None for what is missing or not finite."""
         ended = {"completed": self.completed, "reason": self.reason, "status": self.status}
-        ordered = {**dict.fromkeys(KEYS), **self.numbers, **ended}
+        ordered = {**dict.fromkeys(NAMES["keys"]), **self.numbers, **ended}
         return dict(finite(ordered))
 
     def as_json(self) -> str:
