@@ -4,35 +4,35 @@ Points are given by longitude and latitude [rad]. Everything is written so that 
 smooth at the poles and at the longitude where angles wrap around.
 """
 
+import tomllib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property, wraps
-from typing import Any, ParamSpec
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from swe_sphere.equations.scene import Array, Scene, State
+from swe_sphere.equations.scene import Array, Scene, State, UnsteadyState
 from swe_sphere.mesh.sphere import angle, position
 from swe_sphere.planet import EARTH, Planet
-
-P = ParamSpec("P")
 
 PANELS = 128
 POINTS = 8
 """Gauss-Legendre panels over the wind and points a panel: the integrals are right to round-off."""
 
 
-def recommended(**numbers: Any) -> Callable[[Callable[P, Scene]], Callable[P, Scene]]:
-    """Return a decorator that gives the scenes of a factory these ne, np, dt [s] and days."""
+SCENES = tomllib.loads(Path(__file__).with_name("scenes.toml").read_text("utf-8"))
+"""Title, reference and recommended mesh, step and length of run of the scenes, by name."""
 
-    def beside(factory: Callable[P, Scene]) -> Callable[P, Scene]:
-        @wraps(factory)
-        def make(*args: P.args, **parameters: P.kwargs) -> Scene:
-            return replace(factory(*args, **parameters), **numbers)
 
-        return make
+def build_scene(name: str, exact: UnsteadyState | None = None, **fields: Any) -> Scene:
+    """Return the scene with its fields in scenes.toml, unless they are given here.
 
-    return beside
+    Without `initial` it begins as the exact solution.
+    """
+    initial = {} if exact is None else {"initial": lambda lon, lat: exact(lon, lat, 0.0)}
+    return Scene(name, exact=exact, **SCENES[name] | initial | fields)
 
 
 def at_rest(depth: float) -> State:

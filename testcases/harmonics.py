@@ -21,7 +21,7 @@ from swe_sphere.equations.effects import DYNAMICS, Hyperviscosity, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import EARTH, Planet
-from swe_sphere.testcases.flows import recommended
+from swe_sphere.testcases.flows import build_scene
 
 Complex = NDArray[np.complex128]
 CHUNK = 4096
@@ -260,7 +260,6 @@ def inverse_laplacian(coefficients: Complex) -> Complex:
     return coefficients / np.where(n > 0, -n * (n + 1.0), np.inf)
 
 
-@recommended(ne=30, np=4, dt=200.0, days=20.0)
 def turbulence(
     rotating: bool = True, speed: float = 20.0, wavenumber: int = 10, seed: int = 1
 ) -> Scene:
@@ -307,11 +306,8 @@ def turbulence(
             )
         return u, v, depth
 
-    return Scene(
-        name="turbulence",
-        title="decaying turbulence",
-        reference="after Cho & Polvani (1996), Phys. Fluids 8, 1531-1552, doi:10.7916/D8DJ5RSK "
-        "(copy); spectrum of Yoden & Yamada (1993), J. Atmos. Sci. 50, 631-644",
+    return build_scene(
+        "turbulence",
         effects=(*DYNAMICS, *((Rotation(),) if rotating else ()), Hyperviscosity(factor=30.0)),
         initial=initial,
         planet=planet,

@@ -12,7 +12,7 @@ from swe_sphere.equations.effects import DYNAMICS, Hyperviscosity, Orography, Re
 from swe_sphere.equations.scene import Array, Scene, UnsteadyState
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, EARTH
-from swe_sphere.testcases.flows import ZonalJet, recommended, solid_body, tilted_latitude, wrapped
+from swe_sphere.testcases.flows import ZonalJet, build_scene, solid_body, tilted_latitude, wrapped
 from swe_sphere.testcases.harmonics import BalancedFlow, random_streamfunction
 
 SOUTH_POLE_DEPTH = 10158.18617045462
@@ -21,7 +21,6 @@ JET = ZonalJet(speed=80.0, south=np.pi / 7.0, north=np.pi / 2.0 - np.pi / 7.0)
 """The jet at 45°N (eq. 2)."""
 
 
-@recommended(ne=12, np=8, dt=150.0, days=6.0)
 def galewsky(
     perturbed: bool = True, speed: float = 80.0, seed: int = 0, noise: float = 0.1
 ) -> Scene:
@@ -55,11 +54,8 @@ def galewsky(
             u, v, depth = u + du, v + dv, depth + dh
         return u, v, depth + bump(lon, lat) if perturbed else depth
 
-    return Scene(
-        name="galewsky",
-        title="barotropically unstable jet",
-        reference="Galewsky, Scott & Polvani (2004), Tellus A 56, 429-440, "
-        "doi:10.3402/tellusa.v56i5.14436",
+    return build_scene(
+        "galewsky",
         effects=(*DYNAMICS, Rotation()),
         initial=initial,
         exact=None if perturbed or seed else flow,
@@ -83,7 +79,6 @@ def bump(lon: Array, lat: Array) -> Array:
     return h
 
 
-@recommended(ne=16, np=4, dt=300.0, days=60.0)
 def relaxed_jet(time: float = 10.0, perturbed: bool = True) -> Scene:
     """Barotropically unstable jet whose depth is pulled back to that of the jet.
 
@@ -112,22 +107,14 @@ def relaxed_jet(time: float = 10.0, perturbed: bool = True) -> Scene:
         u, v, depth = flow(lon, lat, 0.0)
         return u, v, depth + bump(lon, lat) if perturbed else depth
 
-    return Scene(
-        name="relaxed-jet",
-        title="jet with relaxation",
-        reference="proposed here, after Held & Suarez (1994), Bull. Amer. Meteor. Soc. 75, "
-        "1825-1830, doi:10.1175/1520-0477(1994)075<1825:APFTIO>2.0.CO;2; "
-        "jet of Galewsky, Scott & Polvani (2004), doi:10.3402/tellusa.v56i5.14436",
+    return build_scene(
+        "relaxed-jet",
         effects=(*DYNAMICS, Rotation(), Relaxation(time * DAY), Hyperviscosity(factor=30.0)),
         initial=initial,
         equilibrium=lambda lon, lat: flow(lon, lat, 0.0)[2],
     )
 
 
-PAPER = (
-    "Läuter, Handorf & Dethloff (2005), J. Comput. Phys. 210, 535-553, "
-    "doi:10.1016/j.jcp.2005.04.022"
-)
 EQUATOR = EARTH.rotation * EARTH.radius
 """Speed of the planet at its equator [m s-1]."""
 SPEED = 2.0 * np.pi * EARTH.radius / (12.0 * DAY)
@@ -136,7 +123,6 @@ BOTTOM = 10.0
 """The constant k2 in g b [m2 s-2]."""
 
 
-@recommended(ne=8, np=8, dt=200.0, days=5.0)
 def lauter(alpha: float = np.pi / 4.0) -> Scene:
     """Unsteady nonlinear flow over orography (exact).
 
@@ -162,14 +148,8 @@ def lauter(alpha: float = np.pi / 4.0) -> Scene:
         surface = (133681.0 + 0.5 * turning**2 - 0.5 * total**2) / EARTH.gravity
         return SPEED * east, SPEED * north, surface - bottom(lon, lat)
 
-    return Scene(
-        name="lauter",
-        title="unsteady flow over orography",
-        reference=f"{PAPER}, example 3",
-        effects=(*DYNAMICS, Rotation(), Orography()),
-        initial=lambda lon, lat: exact(lon, lat, 0.0),
-        exact=exact,
-        bottom=bottom,
+    return build_scene(
+        "lauter", effects=(*DYNAMICS, Rotation(), Orography()), exact=exact, bottom=bottom
     )
 
 
@@ -178,7 +158,6 @@ def bottom(lon: Array, lat: Array) -> Array:
     return (0.5 * (EQUATOR * np.sin(lat)) ** 2 + BOTTOM) / EARTH.gravity + 0.0 * lon
 
 
-@recommended(ne=8, np=6, dt=200.0, days=1.0)
 def tilted_jet(alpha: float = 0.08, speed: float = 40.0, gaussian: bool = False) -> Scene:
     """Unsteady jet about a tilted axis, over orography (exact).
 
@@ -223,12 +202,6 @@ def tilted_jet(alpha: float = 0.08, speed: float = 40.0, gaussian: bool = False)
         flow = jet(sine)
         return flow * east - EQUATOR * np.cos(lat), flow * north, depth(sine)
 
-    return Scene(
-        name="tilted-jet",
-        title="unsteady jet about a tilted axis",
-        reference=f"a jet in the place of the solid-body flow of {PAPER}",
-        effects=(*DYNAMICS, Rotation(), Orography()),
-        initial=lambda lon, lat: exact(lon, lat, 0.0),
-        exact=exact,
-        bottom=bottom,
+    return build_scene(
+        "tilted-jet", effects=(*DYNAMICS, Rotation(), Orography()), exact=exact, bottom=bottom
     )

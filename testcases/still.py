@@ -7,8 +7,8 @@ from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh.sphere import position
 from swe_sphere.planet import EARTH, Planet
+from swe_sphere.testcases.flows import build_scene, distance
 from swe_sphere.testcases.flows import cone as conical_mountain
-from swe_sphere.testcases.flows import distance, recommended
 
 CENTRE = (1.5 * np.pi, 0.0)
 """Longitude and latitude of the splash and of the dam [rad]."""
@@ -19,7 +19,6 @@ BUMPS = ((0.2, 1.0 / 3.0, 10.0), (1.2, 0.2, 80.0), (1.6, -0.25, 360.0))
 """Longitude and latitude [π rad] and sharpness [rad-2] of each bump."""
 
 
-@recommended(ne=16, np=4, dt=600.0, days=5.0)
 def lake_at_rest(cone: bool = True, rotating: bool = True) -> Scene:
     """Water at rest over a mountain (exact): nothing may move.
 
@@ -36,13 +35,9 @@ def lake_at_rest(cone: bool = True, rotating: bool = True) -> Scene:
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
         return 0.0 * lon, 0.0 * lat, 5960.0 - bottom(lon, lat)
 
-    return Scene(
-        name="lake-at-rest",
-        title="water at rest over a mountain",
-        reference="Audusse et al. (2004), SIAM J. Sci. Comput. 25, doi:10.1137/S1064827503431090;"
-        " mountain of Williamson et al. (1992), doi:10.1016/S0021-9991(05)80016-6, case 5",
+    return build_scene(
+        "lake-at-rest",
         effects=(*DYNAMICS, *((Rotation(),) if rotating else ()), Orography()),
-        initial=lambda lon, lat: exact(lon, lat, 0.0),
         exact=exact,
         bottom=bottom,
         error_field="surface",
@@ -56,7 +51,6 @@ def _smooth_bottom(lon: Array, lat: Array) -> Array:
     return height
 
 
-@recommended(ne=16, np=4, dt=600.0, days=2.0)
 def splash(rotating: bool = False) -> Scene:
     """Heap of water that spreads and meets itself at the antipode.
 
@@ -83,11 +77,9 @@ def splash(rotating: bool = False) -> Scene:
     def centrifugal(lon: Array, lat: Array) -> Array:
         return (WIND * np.sin(lat)) ** 2 / (2.0 * EARTH.gravity) + 0.0 * lon
 
-    return Scene(
-        name="splash",
+    return build_scene(
+        "splash",
         title="splash, seen from a turning frame" if rotating else "splash",
-        reference="test 3 of FV3 (GFDL): Putman & Lin (2007), J. Comput. Phys. 227, 55-78, "
-        "doi:10.1016/j.jcp.2007.07.022",
         effects=(*DYNAMICS, *((Rotation(), Orography()) if rotating else ())),
         initial=initial,
         bottom=centrifugal if rotating else None,
@@ -95,7 +87,6 @@ def splash(rotating: bool = False) -> Scene:
     )
 
 
-@recommended(ne=16, np=4, dt=300.0, days=1.0)
 def gravity_bumps() -> Scene:
     """Three bumps of different width that radiate gravity waves on the turning planet.
 
@@ -108,17 +99,9 @@ def gravity_bumps() -> Scene:
         bumps = (np.exp(-w * d**2) for d, (_, _, w) in zip(distances, BUMPS, strict=True))
         return 0.0 * lon, 0.0 * lat, 1e4 + 1000.0 * sum(bumps, start=0.0 * lat)
 
-    return Scene(
-        name="gravity-bumps",
-        title="gravity waves from three bumps",
-        reference="asQ (Hope-Collins et al. 2025), Geosci. Model Dev. 18, 4535-4569, "
-        "doi:10.5194/gmd-18-4535-2025",
-        effects=(*DYNAMICS, Rotation()),
-        initial=initial,
-    )
+    return build_scene("gravity-bumps", effects=(*DYNAMICS, Rotation()), initial=initial)
 
 
-@recommended(ne=16, np=4, dt=600.0, days=1.0)
 def dam_break(width: float = 0.05) -> Scene:
     """Circular dam of 20 degrees radius that breaks, smoothed.
 
@@ -142,18 +125,9 @@ def dam_break(width: float = 0.05) -> Scene:
         across = np.tanh((distance(lon, lat, *CENTRE) - np.pi / 9.0) / width)
         return 0.0 * lon, 0.0 * lat, 1500.0 - 500.0 * across
 
-    return Scene(
-        name="dam-break",
-        title="circular dam break",
-        reference="proposed here, after Rossmanith, Bale & LeVeque (2004), J. Comput. Phys. 199, "
-        "631-662, doi:10.1016/j.jcp.2004.03.002",
-        effects=DYNAMICS,
-        initial=initial,
-        planet=STILL,
-    )
+    return build_scene("dam-break", effects=DYNAMICS, initial=initial, planet=STILL)
 
 
-@recommended(ne=30, np=4, dt=240.0, days=100.0)
 def modons() -> Scene:
     """Two pairs of vortices that collide, exchange partners and come back.
 
@@ -176,12 +150,6 @@ def modons() -> Scene:
         speed = 50.0 * (burst(lon, lat, 0.5 * np.pi) - burst(lon, lat, 1.5 * np.pi))
         return speed, 0.0 * lat, 5000.0 + 0.0 * lat
 
-    return Scene(
-        name="modons",
-        title="colliding modons",
-        reference="Lin, Chen & Yao (2017), J. Adv. Model. Earth Syst. 9, 2483-2492, "
-        "doi:10.1002/2017MS000965",
-        effects=(*DYNAMICS, Hyperviscosity(factor=30.0)),
-        initial=initial,
-        planet=STILL,
+    return build_scene(
+        "modons", effects=(*DYNAMICS, Hyperviscosity(factor=30.0)), initial=initial, planet=STILL
     )

@@ -8,7 +8,7 @@ from swe_sphere.equations.effects import PrescribedWind, Tracers
 from swe_sphere.equations.scene import Array, Scalar, Scene, Wind
 from swe_sphere.mesh.sphere import frame, position
 from swe_sphere.planet import DAY, EARTH
-from swe_sphere.testcases.flows import distance, recommended, solid_body, turned
+from swe_sphere.testcases.flows import build_scene, distance, solid_body, turned
 
 PERIOD = 12.0 * DAY
 """Time of one turn of the background, and of the deformation and its undoing [s]."""
@@ -18,7 +18,6 @@ AIR = 1000.0
 """Depth of the air that carries the tracers [m]."""
 
 
-@recommended(ne=20, np=4, dt=1200.0, days=12.0)
 def moving_vortices(alpha: float = 0.25 * np.pi) -> Scene:
     """Two vortices that roll up a front while they go once around the planet (exact).
 
@@ -52,19 +51,9 @@ def moving_vortices(alpha: float = 0.25 * np.pi) -> Scene:
         origin = turned(position(lon, lat), alpha, -TURN * t)
         return *wind(lon, lat, t), AIR * _rolled_front(origin, start, t)
 
-    return Scene(
-        name="moving-vortices",
-        title="moving vortices",
-        reference="Nair & Jablonowski (2008), Mon. Wea. Rev. 136, 699-711, "
-        "doi:10.1175/2007MWR2105.1",
-        effects=(PrescribedWind(),),
-        initial=lambda lon, lat: exact(lon, lat, 0.0),
-        exact=exact,
-        wind=wind,
-    )
+    return build_scene("moving-vortices", effects=(PrescribedWind(),), exact=exact, wind=wind)
 
 
-@recommended(ne=20, np=4, dt=900.0, days=12.0)
 def deformational(case: Literal[1, 2, 3, 4] = 4) -> Scene:
     """Tracers torn to filaments and brought back (exact after 12 days).
 
@@ -89,14 +78,10 @@ def deformational(case: Literal[1, 2, 3, 4] = 4) -> Scene:
         known = _unless_away(t)
         return {name: formula(lon, lat) + known for name, formula in tracers.items()}
 
-    return Scene(
-        name="deformational",
+    return build_scene(
+        "deformational",
         title=f"deformational flow, case {case}",
-        reference="Nair & Lauritzen (2010), J. Comput. Phys. 229, 8868-8887, "
-        "doi:10.1016/j.jcp.2010.08.014; Lauritzen et al. (2012), Geosci. Model Dev. 5, 887-901, "
-        "doi:10.5194/gmd-5-887-2012",
         effects=(PrescribedWind(), Tracers()),
-        initial=lambda lon, lat: exact(lon, lat, 0.0),
         exact=exact,
         wind=wind,
         tracers=tracers,

@@ -20,7 +20,7 @@ from swe_sphere.equations.effects import DYNAMICS, Effect, Forcing, Linearised, 
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, EARTH, Planet
-from swe_sphere.testcases.flows import at_rest, recommended
+from swe_sphere.testcases.flows import at_rest, build_scene
 from swe_sphere.testcases.harmonics import Complex, GaussGrid, synthesis
 
 Constituent = Literal["m2", "s2", "k1", "o1"]
@@ -42,7 +42,6 @@ def _effects(linear: bool, *more: Effect) -> tuple[Effect, ...]:
     return (*DYNAMICS, Rotation(), *more, *((Linearised(),) if linear else ()))
 
 
-@recommended(ne=4, np=8, dt=600.0, days=5.0)
 def tide(constituent: Constituent = "m2", depth: float = 4000.0, linear: bool = True) -> Scene:
     """Tide in an ocean of even depth over the whole globe (exact).
 
@@ -83,14 +82,10 @@ def tide(constituent: Constituent = "m2", depth: float = 4000.0, linear: bool = 
         east, north = -amplitude * along * np.sin(phase), amplitude * across * np.cos(phase)
         return scale * east, scale * north, 0.0 * lat
 
-    return Scene(
-        name="tide",
+    return build_scene(
+        "tide",
         title=f"{constituent.upper()} tide in an ocean of {depth:g} m",
-        reference="Arbic, Garner, Hallberg & Simmons (2004), Deep-Sea Res. II 51, 3069-3101, "
-        "doi:10.1016/j.dsr2.2004.09.014; solution after Longuet-Higgins (1968), "
-        "doi:10.1098/rsta.1968.0003",
         effects=_effects(linear, Forcing()),
-        initial=lambda lon, lat: response.state(lon, lat, 0.0),
         exact=response.state,
         forcing=forcing,
         base=at_rest(depth) if linear else None,
@@ -191,7 +186,6 @@ class TidalEquations:
         return HoughWave(frequency, found, self.depth, self.planet)
 
 
-@recommended(ne=8, np=6, dt=600.0, days=15.0)
 def slow_ocean(m: int = 4, n: int = 10, speed: float = 0.1, linear: bool = False) -> Scene:
     """Planetary wave in a deep ocean, at a Froude number of 5e-4.
 
@@ -221,11 +215,9 @@ def slow_ocean(m: int = 4, n: int = 10, speed: float = 0.1, linear: bool = False
     factor = speed / float(np.hypot(u, v).max())
     wave = replace(wave, coefficients=factor * wave.coefficients)
 
-    return Scene(
-        name="slow-ocean",
+    return build_scene(
+        "slow-ocean",
         title=f"planetary wave in a deep ocean (m = {m}, n = {n})",
-        reference="Longuet-Higgins (1968), Phil. Trans. R. Soc. A 262, 511-607, "
-        "doi:10.1098/rsta.1968.0003",
         effects=_effects(linear),
         initial=lambda lon, lat: wave.state(lon, lat, 0.0),
         exact=wave.state if linear else None,
@@ -239,7 +231,6 @@ FUNCTIONS = 160
 round-off."""
 
 
-@recommended(ne=6, np=6, dt=300.0)
 def hough(
     wave: Wave = "rossby",
     k: int = 1,
@@ -275,11 +266,9 @@ def hough(
     if not depth > 0.0:
         raise ConfigError(f"hough: depth must be positive, not {depth} m")
     mode = hough_wave(wave, k, n, depth, amplitude)
-    return Scene(
-        name="hough",
+    return build_scene(
+        "hough",
         title=f"normal mode of the sphere ({TITLES[wave]} wave, k = {k}, n = {n})",
-        reference="Swarztrauber & Kasahara (1985), SIAM J. Sci. Stat. Comput. 6, 464-491, "
-        "doi:10.1137/0906033",
         effects=_effects(linear),
         initial=lambda lon, lat: mode.state(lon, lat, 0.0),
         exact=mode.state if linear else None,
@@ -315,7 +304,6 @@ DEPTH = 30.0
 """Depth at rest [m]: so thin that the waves are trapped near the equator."""
 
 
-@recommended(ne=8, np=8, dt=1500.0)
 def matsuno(
     wave: EquatorialWave = "rossby",
     k: int = 5,
@@ -348,13 +336,10 @@ def matsuno(
         raise ConfigError(f"matsuno: k and n must be at least 1, not {k} and {n}")
     mode = EquatorialMode(wave, k, n, amplitude)
 
-    return Scene(
-        name="matsuno",
+    return build_scene(
+        "matsuno",
         title=f"equatorial wave ({TITLES[wave]}, k = {k}, n = {n})",
-        reference="Shamir, Yacoby, Ziskin Ziv & Paldor (2019), Geosci. Model Dev. 12, 2181-2193, "
-        "doi:10.5194/gmd-12-2181-2019",
         effects=_effects(linear),
-        initial=lambda lon, lat: mode.state(lon, lat, 0.0),
         exact=mode.state,
         base=at_rest(DEPTH) if linear else None,
         planet=PLANET,

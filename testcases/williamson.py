@@ -12,15 +12,14 @@ from swe_sphere.mesh.sphere import angle, position
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases.flows import (
     ZonalJet,
+    build_scene,
     cone,
-    recommended,
     solid_body,
     tilted_latitude,
     turned,
     zonal_balance,
 )
 
-PAPER = "Williamson et al. (1992), J. Comput. Phys. 102, 211-224, doi:10.1016/S0021-9991(05)80016-6"
 TURN = 12.0 * DAY
 """Time in which the solid-body flow goes once around the planet [s]."""
 SPEED = 2.0 * np.pi * EARTH.radius / TURN
@@ -38,7 +37,6 @@ SHARPNESS = (2.0 * EARTH.radius / 1e6) ** 2
 """The constant σ of the paper."""
 
 
-@recommended(ne=16, np=4, dt=1200.0, days=12.0)
 def williamson1(alpha: float = 0.0, gaussian: bool = False) -> Scene:
     """Advection of a bell once around the planet (exact).
 
@@ -58,19 +56,11 @@ def williamson1(alpha: float = 0.0, gaussian: bool = False) -> Scene:
         centre = turned(position(1.5 * np.pi, 0.0), alpha, 2.0 * np.pi * t / TURN)
         return *wind(lon, lat, t), bell(position(lon, lat), centre)
 
-    return Scene(
-        name="williamson1",
-        title="advection of a bell",
-        reference=f"{PAPER}, case 1",
-        effects=(PrescribedWind(),),
-        initial=lambda lon, lat: exact(lon, lat, 0.0),
-        exact=exact,
-        wind=wind,
-        steady_wind=True,
+    return build_scene(
+        "williamson1", effects=(PrescribedWind(),), exact=exact, wind=wind, steady_wind=True
     )
 
 
-@recommended(ne=16, np=4, dt=600.0, days=5.0)
 def williamson2(alpha: float = 0.0) -> Scene:
     """Steady solid-body flow in geostrophic balance (exact).
 
@@ -88,10 +78,9 @@ def williamson2(alpha: float = 0.0) -> Scene:
         depth = 2.94e4 / EARTH.gravity - fall * tilted_latitude(lon, lat, alpha) ** 2
         return *wind(lon, lat, t), depth
 
-    return _steady(2, "steady geostrophic flow", exact, alpha)
+    return _steady(2, exact, alpha)
 
 
-@recommended(ne=8, np=8, dt=300.0, days=5.0)
 def williamson3(alpha: float = 0.0) -> Scene:
     """Steady jet of compact support in geostrophic balance (exact).
 
@@ -116,23 +105,19 @@ def williamson3(alpha: float = 0.0) -> Scene:
         depth = (2.94e4 - JET.drop(latitude)) / EARTH.gravity
         return turning * east, turning * north, depth
 
-    return _steady(3, "steady jet of compact support", exact, alpha)
+    return _steady(3, exact, alpha)
 
 
-def _steady(case: int, title: str, exact: UnsteadyState, alpha: float) -> Scene:
+def _steady(case: int, exact: UnsteadyState, alpha: float) -> Scene:
     """A steady flow about an axis of rotation that is tilted by alpha [rad]."""
-    return Scene(
-        name=f"williamson{case}",
-        title=title,
-        reference=f"{PAPER}, case {case}",
+    return build_scene(
+        f"williamson{case}",
         effects=(*DYNAMICS, Rotation()),
-        initial=lambda lon, lat: exact(lon, lat, 0.0),
         exact=exact,
         coriolis=lambda lon, lat: 2.0 * EARTH.rotation * tilted_latitude(lon, lat, alpha),
     )
 
 
-@recommended(ne=8, np=6, dt=600.0, days=15.0)
 def williamson5(speed: float = 20.0) -> Scene:
     """Zonal flow over an isolated mountain.
 
@@ -154,10 +139,8 @@ def williamson5(speed: float = 20.0) -> Scene:
         surface = 5960.0 - fall * np.sin(lat) ** 2
         return speed * np.cos(lat), 0.0 * lat, surface - cone(lon, lat)
 
-    return Scene(
-        name="williamson5",
-        title="zonal flow over a mountain",
-        reference=f"{PAPER}, case 5",
+    return build_scene(
+        "williamson5",
         effects=(*DYNAMICS, Rotation(), Orography()),
         initial=initial,
         bottom=cone,
@@ -166,7 +149,6 @@ def williamson5(speed: float = 20.0) -> Scene:
     )
 
 
-@recommended(ne=16, np=4, dt=360.0, days=14.0)
 def williamson6(perturbation: float = 0.0, omega: float = 7.848e-6, depth: float = 8000.0) -> Scene:
     """Rossby-Haurwitz wave of zonal wavenumber 4.
 
@@ -187,13 +169,8 @@ def williamson6(perturbation: float = 0.0, omega: float = 7.848e-6, depth: float
         waves = (np.cos(lat) ** m * np.cos(m * lon + m) for m in (1, 2, 3))
         return u, v, h + perturbation / 3.0 * sum(waves) if perturbation else h
 
-    return Scene(
-        name="williamson6",
-        title="Rossby-Haurwitz wave",
-        reference=f"{PAPER}, case 6",
-        effects=(*DYNAMICS, Rotation()),
-        initial=initial,
-        sheds_waves=True,
+    return build_scene(
+        "williamson6", effects=(*DYNAMICS, Rotation()), initial=initial, sheds_waves=True
     )
 
 
@@ -236,7 +213,6 @@ def _gaussian_bell(point: Array, centre: Array) -> Array:
     return depth
 
 
-@recommended(ne=8, np=8, dt=150.0, days=5.0)
 def williamson4(u0: float = 20.0) -> Scene:
     """Low carried along in a jet by a forcing (exact).
 
@@ -297,14 +273,8 @@ def williamson4(u0: float = 20.0) -> Scene:
         depth = v * (pull + (spin * psi - mean * mean_tan) / a)
         return east, north, depth / EARTH.gravity
 
-    return Scene(
-        name="williamson4",
-        title="forced low in a jet",
-        reference=f"{PAPER}, case 4",
-        effects=(*DYNAMICS, Rotation(), Forcing()),
-        initial=lambda lon, lat: exact(lon, lat, 0.0),
-        exact=exact,
-        forcing=forcing,
+    return build_scene(
+        "williamson4", effects=(*DYNAMICS, Rotation(), Forcing()), exact=exact, forcing=forcing
     )
 
 
@@ -323,7 +293,6 @@ def _low(lon: Array, lat: Array) -> tuple[Array, Array, Array, Array, Array, Arr
     return c, np.sin(CENTRE) * cos - around * sin, side, psi, once, twice
 
 
-@recommended(ne=16, np=4, dt=600.0, days=10.0)
 def mcdonald_bates() -> Scene:
     """Cross-polar flow in geostrophic balance.
 
@@ -344,11 +313,4 @@ def mcdonald_bates() -> Scene:
         swell = 2.0 * EARTH.rotation * EARTH.radius * speed * sin**3 * cos * np.sin(lon)
         return u, speed * sin**2 * np.cos(lon), (5.768e4 + swell) / EARTH.gravity
 
-    return Scene(
-        name="mcdonald-bates",
-        title="cross-polar flow",
-        reference="McDonald & Bates (1989), Mon. Wea. Rev. 117, 130-137, "
-        "doi:10.1175/1520-0493(1989)117<0130:SLIOAS>2.0.CO;2",
-        effects=(*DYNAMICS, Rotation()),
-        initial=initial,
-    )
+    return build_scene("mcdonald-bates", effects=(*DYNAMICS, Rotation()), initial=initial)

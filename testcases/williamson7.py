@@ -26,7 +26,7 @@ from swe_sphere.equations.scene import Array, Scene, State
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh.sphere import global_spline
 from swe_sphere.planet import EARTH
-from swe_sphere.testcases.flows import recommended
+from swe_sphere.testcases.flows import build_scene
 from swe_sphere.testcases.harmonics import (
     BalancedFlow,
     Complex,
@@ -35,8 +35,8 @@ from swe_sphere.testcases.harmonics import (
     random_streamfunction,
     synthesis,
 )
-from swe_sphere.testcases.williamson import PAPER
 
+PAPER = "Williamson et al. (1992), J. Comput. Phys. 102, 211-224, doi:10.1016/S0021-9991(05)80016-6"
 DEPTH = 1e4
 """Mean depth [m], put in the place of that of the analysis as in the paper."""
 DEGREE = 42
@@ -58,7 +58,6 @@ LEAST = 8
 """Smallest number of latitudes and of longitudes."""
 
 
-@recommended(ne=12, np=8, dt=150.0, days=5.0)
 def williamson7(
     file: Path | None = None, degree: int = 0, balanced: bool = False, seed: int = 1
 ) -> Scene:
@@ -92,8 +91,8 @@ def williamson7(
         title, source = f"500 hPa flow from {file.name}", f"initial state from {file.name}"
         initial = _analysed(file, degree, balanced)
 
-    return Scene(
-        name="williamson7",
+    return build_scene(
+        "williamson7",
         title=title,
         reference=f"{source}; the case: {PAPER}, case 7",
         effects=(*DYNAMICS, Rotation()),
