@@ -1,11 +1,14 @@
 """What is installed is what is there."""
 
+import ast
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
 from imports import circles, import_graph, imports, reaches_inside, sources
+
+import swe_sphere
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -31,6 +34,21 @@ def test_files_of_data_are_installed_with_their_packages():
     files = {path for path in (ROOT / "swe_sphere").rglob("*") if path.is_file()}
     there = {path for path in files if path.suffix not in (".py", ".pyc")}
     assert there == {path for path in listed if path.is_file()} != set()
+
+
+def test_the_stub_has_the_names_of_the_package():
+    stub = ast.parse((ROOT / "swe_sphere" / "__init__.pyi").read_text())
+    imported = {
+        f"{node.module}.{alias.name}"
+        for node in stub.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    (exported,) = (
+        ast.literal_eval(node.value) for node in stub.body if isinstance(node, ast.Assign)
+    )
+    known = {f"swe_sphere.{module}.{n}" for module, ns in swe_sphere._MODULES.items() for n in ns}
+    assert imported == known and sorted(exported) == swe_sphere.__all__
 
 
 def test_python_started_in_the_source_tree_finds_all_of_the_package():

@@ -11,6 +11,7 @@ from swe_sphere.analysis.accessor import open_run
 from swe_sphere.cli.main import main
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.ranks import limits
+from swe_sphere.simulation import build
 from swe_sphere.simulation.loop import Interrupted, Interruption
 from swe_sphere.simulation.observers import Callback
 from swe_sphere.simulation.simulation import Simulation
@@ -93,13 +94,13 @@ def test_the_time_limit_counts_from_the_beginning_of_the_command(tmp_path, monke
     out = tmp_path / "run.nc"
     clock, late = time.monotonic, []
     monkeypatch.setattr(time, "monotonic", lambda: clock() + sum(late))
-    build = Simulation._build
+    start_warp = build.start_warp
 
-    def slow(sim):
-        build(sim)
+    def slow():
+        start_warp()
         late.append(1000.0)
 
-    monkeypatch.setattr(Simulation, "_build", slow)
+    monkeypatch.setattr(build, "start_warp", slow)
     words = ["run", "williamson2", "--ne=2", "--np=4", "--days=9", f"--out={out}", "--time-limit"]
     with pytest.raises(SystemExit) as end:
         main([*words, "900"])

@@ -24,7 +24,9 @@ from swe_sphere.mesh import Mesh
 if TYPE_CHECKING:
     import xarray as xr
 
-VARIABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text("utf-8"))
+VARIABLES: dict[str, Any] = tomllib.loads(
+    Path(__file__).with_name("variables.toml").read_text("utf-8")
+)
 """Attributes of variables: frames, constants, coordinates, topology, series."""
 
 TRACER = "q_"
@@ -32,7 +34,10 @@ TRACER = "q_"
 
 BOUNDS = "_bnds"
 """Ending of the names of the bounds of a coordinate."""
-TOPOLOGY = (*VARIABLES["topology"], *(name + BOUNDS for name in VARIABLES["coordinates"]))
+TOPOLOGY: tuple[str, ...] = (
+    *VARIABLES["topology"],
+    *(name + BOUNDS for name in VARIABLES["coordinates"]),
+)
 ON_NODES = {"mesh": "mesh", "location": "node", "coordinates": "lat lon", "grid_mapping": "sphere"}
 MEASURES = {"cell_measures": "area: area"}
 MISSING: dict[str, Any] = {"_FillValue": np.nan}
@@ -46,7 +51,7 @@ TIME = {
     "units_metadata": "leap_seconds: none",
 }
 
-MESH_ATTRIBUTES = ("ne", "np", "radius", "stretch", "centre", "spin")
+MESH_ATTRIBUTES: tuple[str, ...] = ("ne", "np", "radius", "stretch", "centre", "spin")
 """Global attributes [m, degrees] from which `Mesh.build` makes the mesh of the file again."""
 
 SERIES = "diagnostic_time"

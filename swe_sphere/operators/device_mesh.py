@@ -21,7 +21,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cubed_sphere import BLOCK
 from swe_sphere.mesh.partition import Part, Partition, whole
 from swe_sphere.operators.chunks import Chunks
-from swe_sphere.operators.halo import Halo, Rim
+from swe_sphere.operators.halo import LEAST, Halo, launch_rim_first
 from swe_sphere.operators.launch import Launcher, Span
 from swe_sphere.operators.strips import Strips
 from swe_sphere.ranks.communicator import Communicator
@@ -255,7 +255,9 @@ class DeviceMesh:
         computed.
         """
         if self.halos:
-            return functools.partial(self._rim.launch, launch, self.halos[field.flat.ptr])
+            away = self.part.away // self.lanes
+            groups = self.groups, away if away >= LEAST else 0
+            return functools.partial(launch_rim_first, self.halos[field.flat.ptr], *groups, launch)
         cuts = None if self.strips is None else self.strips.groups
         return functools.partial(launch, cuts=cuts)
 
@@ -282,10 +284,6 @@ class DeviceMesh:
                 begin, end, _ = span
                 cuts = span.cut(begin, end, 1, field)
                 launch(kernel, end - begin, field + begin, *inputs, cuts=cuts)
-
-    @functools.cached_property
-    def _rim(self) -> Rim:
-        return Rim(self.groups, self.part.away // self.lanes)
 
     def _positions(self, entries: NDArray[Any], width: int) -> NDArray[np.int64]:
         """Return the offsets of element nodes (element np^2 + point) in rows of that length.

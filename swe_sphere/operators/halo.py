@@ -126,22 +126,18 @@ LEAST = 32
 """Groups of elements away from the rim from which on two launches are worth while."""
 
 
-class Rim:
-    """Launches kernels over `groups` of elements in two: those behind the first `away`, then these.
+def launch_rim_first(
+    halo: Halo, groups: int, away: int, launch: Launcher, kernel: Any, threads: Any, _: int,
+    *arguments: Any,
+) -> None:  # fmt: skip
+    """Launch a kernel over groups of elements: those behind the first `away`, then these.
 
-    The first argument of a kernel is the first group of a launch.
+    The former are on the rim: what they leave is exchanged meanwhile.  The first argument of the
+    kernel is the first group of a launch.
     """
-
-    def __init__(self, groups: int, away: int) -> None:
-        self._groups, self._away = groups, away if away >= LEAST else 0
-
-    def launch(
-        self, launch: Launcher, halo: Halo, kernel: Any, threads: Any, _: int, *arguments: Any
-    ) -> None:
-        """Compute all elements and exchange what they leave."""
-        each = threads[1:] if isinstance(threads, tuple) else ()
-        launch(kernel, (self._groups - self._away, *each), self._away, *arguments)
-        halo.start()
-        if self._away:
-            launch(kernel, (self._away, *each), 0, *arguments)
-        halo.wait()
+    each = threads[1:] if isinstance(threads, tuple) else ()
+    launch(kernel, (groups - away, *each), away, *arguments)
+    halo.start()
+    if away:
+        launch(kernel, (away, *each), 0, *arguments)
+    halo.wait()

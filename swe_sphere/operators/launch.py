@@ -5,9 +5,9 @@ import inspect
 import os
 import time
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -144,15 +144,6 @@ class Launcher:
             known[0].launch()
         else:
             self.defer(known, cuts)
-
-    @contextmanager
-    def one_by_one(self) -> Iterator[None]:
-        """While it is entered nothing is recorded."""
-        records, self.records = self.records, False
-        try:
-            yield
-        finally:
-            self.records = records
 
     def forget(self) -> None:
         """Let go of all recorded commands, and of the arrays that only they still hold."""

@@ -60,8 +60,12 @@ class Replay:
         if first and len(self._known) >= REMEMBERED:
             self._known.clear()
         capture = nullcontext() if first else _captured(self._launch, pieces)
-        with self._launch.one_by_one(), capture:
-            yield
+        self._launch.records = False  # in the block
+        try:
+            with capture:
+                yield
+        finally:
+            self._launch.records = True
         added = {name: n - counted.get(name, 0) for name, n in self._counters.items()}
         self._known[key] = None if first else (pieces, added)
         for piece in pieces:

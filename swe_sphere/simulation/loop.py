@@ -112,16 +112,12 @@ class Loop:
                 if is_end or observed(observer, "due", steps):
                     observed(observer, "observe", self.sim.snapshot)
                     if isinstance(observer, Callback) or is_custom(type(observer)):
-                        self._check_changes()
+                        norm = self.health.norm  # the observer may have changed the state
+                        self.health.observe(self.sim.snapshot)
+                        if self.health.norm != norm:
+                            self.sim.release()  # whose fields are those before the change
             if is_asked or self._is_asked_to_stop():
                 self._stop()
-
-    def _check_changes(self) -> None:
-        """Check the state again where user-defined code has changed it."""
-        norm = self.health.norm
-        self.health.observe(self.sim.snapshot)
-        if self.health.norm != norm:
-            self.sim.release()  # whose fields are those before the change
 
     def _next_stop(self) -> int:
         """Return the next step after which an observer is due or the step changes its length."""
@@ -146,7 +142,10 @@ class Loop:
         try:
             while not is_asked and sim.steps < stop:
                 self._step(stop - sim.steps)
-                self._tick(time.monotonic())
+                if (now := time.monotonic()) - self._last_tick >= TICK:
+                    self._last_tick = now
+                    for observer in self.observers:
+                        observed(observer, "tick", sim.steps)
                 is_asked = sim.steps < stop and self._is_asked_to_stop()
             wp.synchronize_device(model.device)
             return is_asked
@@ -196,9 +195,3 @@ class Loop:
                 f"the time limit of {self.time_limit:g} s was reached at day {day:.4g}"
                 f" (step {steps} of {self.plan.steps}): give it more time or take a larger dt"
             )
-
-    def _tick(self, now: float) -> None:
-        if now - self._last_tick >= TICK:
-            self._last_tick = now
-            for observer in self.observers:
-                observed(observer, "tick", self.sim.steps)

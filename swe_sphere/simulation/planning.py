@@ -284,17 +284,6 @@ def automatic_step(sim: Any, days: float) -> tuple[float, str]:
     return min(accurate, days * DAY), rule
 
 
-def _chosen_step(sim: Any, days: float) -> tuple[float, str]:
-    """Return the requested step [s], or else an automatic one for so many days, and its rule."""
-    config = sim.config
-    if config.dt != "auto":
-        return config.dt, "as given"
-    if config.adaptive is None:
-        return automatic_step(sim, days)
-    interval = DAY if config.every is None else config.every * HOUR
-    return min(interval, days * DAY), "time between frames, in which steps adapt"
-
-
 def plan_run(sim: Any, also: Sequence[float] = ()) -> RunPlan:
     """Return the plan of a run from the present state, with the requested or an automatic step.
 
@@ -311,7 +300,12 @@ def plan_run(sim: Any, also: Sequence[float] = ()) -> RunPlan:
         except ConfigError:
             if not automatic or days * DAY <= sim.time + 1e-6:
                 raise
-    dt, rule = _chosen_step(sim, days - sim.time / DAY if days else 1.0)
+    dt, rule, ahead = config.dt, "as given", days - sim.time / DAY if days else 1.0
+    if automatic and config.adaptive is None:
+        dt, rule = automatic_step(sim, ahead)
+    elif automatic:
+        dt = min(DAY if every is None else every * HOUR, ahead * DAY)
+        rule = "time between frames, in which steps adapt"
     cycle, fewer = tracer_cycle(sim, dt), config.tracer_steps == "auto"
     plan = time_plan(days, every, dt, also, cycle, fewer, automatic)
     if done:

@@ -180,7 +180,22 @@ class Simulation:
         """Settings that a run must share with this one to resume it."""
         if self._restart is not None:
             self._restart.check(self.identity)
-        self._build()
+        self.reference = _read_reference(config.reference)
+        """The solution at the end of the run."""
+        if config.days is not None:
+            self._check_reference()
+        for path in config.diagnostics:
+            load_diagnostics(path)
+        self.options = build.stepper_options(self.kind, config)
+        """Options of the stepper by name."""
+        build.start_warp()
+        from swe_sphere.equations.model import Model
+
+        self.scene.check_answers(self.mesh.lon, self.mesh.lat)
+        launch, self.comm = (config.device, config.precision, config.launch), world()
+        self.model = Model(self.mesh, self.scene, *launch, comm=self.comm)
+        """The compiled right-hand side."""
+        self._limit: float | None = None
         self.warn: Warn = lambda text: None
         """Called with each warning of a run."""
         self.own_axes: dict[Diagnostic, int] = {}
@@ -211,26 +226,6 @@ class Simulation:
         if restart is not None and restart.steps:
             self._plan = restart.plan(self.config.dt)
             self._start_stepper()
-
-    def _build(self) -> None:
-        """Build what the configuration requests on the mesh; the model comes last."""
-        config = self.config
-        self.reference = _read_reference(config.reference)
-        """The solution at the end of the run."""
-        if config.days is not None:
-            self._check_reference()
-        for path in config.diagnostics:
-            load_diagnostics(path)
-        self.options = build.stepper_options(self.kind, config)
-        """Options of the stepper by name."""
-        build.start_warp()
-        from swe_sphere.equations.model import Model
-
-        self.scene.check_answers(self.mesh.lon, self.mesh.lat)
-        launch, self.comm = (config.device, config.precision, config.launch), world()
-        self.model = Model(self.mesh, self.scene, *launch, comm=self.comm)
-        """The compiled right-hand side."""
-        self._limit: float | None = None
 
     @classmethod
     def from_checkpoint(cls, path: str | Path, scene: Any = None, **settings: Any) -> Self:

@@ -346,18 +346,25 @@ class Stepper(Trajectory, ABC):
 S = TypeVar("S", bound=Stepper)
 
 
+def read_table(name: str) -> dict[str, Any]:
+    """Return a table in methods.toml, with tuples for lists and numbers for fractions."""
+    tables = tomllib.loads((files(__package__) / "methods.toml").read_text())
+    return {key: _constant(value) for key, value in tables[name].items()}
+
+
 def read_methods(family: type[S]) -> list[type[S]]:
     """Define the methods of a family in methods.toml, classes with the attributes in a table."""
-    tables = tomllib.loads((files(__package__) / "methods.toml").read_text())[family.__name__]
     return [
-        type(name, (family,), {"__module__": family.__module__, "__doc__": table.pop("doc").strip()}
-             | {key: _constant(value) for key, value in table.items()})
-        for name, table in tables.items()
+        type(name, (family,), {"__module__": family.__module__, "__doc__": table["doc"].strip()}
+             | {key: value for key, value in table.items() if key != "doc"})
+        for name, table in read_table(family.__name__).items()
     ]  # fmt: skip
 
 
 def _constant(value: Any) -> Any:
-    """Convert lists to tuples, and fractions in strings to numbers."""
+    """Convert lists to tuples, and fractions in strings to numbers, also in tables."""
+    if isinstance(value, dict):
+        return {key: each if key == "doc" else _constant(each) for key, each in value.items()}
     if isinstance(value, list):
         return tuple(map(_constant, value))
     is_fraction = isinstance(value, str) and "/" in value

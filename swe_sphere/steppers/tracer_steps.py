@@ -16,7 +16,7 @@ from swe_sphere.operators.mass_steps import Crossings, FluxSteps, MassSteps
 from swe_sphere.operators.tracers import TracerTransport
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.split_diffusion import Diffusion
-from swe_sphere.steppers.stepper import Stepper, Trajectory
+from swe_sphere.steppers.stepper import Stepper, Trajectory, read_table
 
 FLOW = "flow_"
 """Prefix of the names of the arrays that the flow's stepper keeps."""
@@ -24,18 +24,7 @@ PARTS = 2
 """Parts that a tracer step has at the start, at most; it has more where the wind grows."""
 MARGIN = 1.1
 """Factor by which the spectral radius may exceed the value expected from the initial state."""
-_REACH: dict[float, tuple[float, ...]] = {
-    2.8: (1 / 4, 1 / 3, 1 / 2, 1.0),
-    4.6: (0.16904917667410368, 0.13380303671748228, 1 / 4, 1 / 3, 1 / 2, 1.0),
-    6.2: (
-        0.12480976664540724, 0.07662096184186656, 0.16667480464512058, 0.17018634951480482,
-        1 / 4, 1 / 3, 1 / 2, 1.0,
-    ),
-    7.9: (
-        0.09907015380844966, 0.04926610891320422, 0.12406549675252491, 0.10608279520348493,
-        0.1659580170045138, 0.1832494363935329, 1 / 4, 1 / 3, 1 / 2, 1.0,
-    ),
-}  # fmt: skip
+_REACH = {float(reach): stages for reach, stages in read_table("TracerStages").items()}
 """Stages by how far they reach: the largest stable tau times the spectral radius of A.
 
 They are the f_i in m_i = m_0 + f_i tau A m_(i-1): explicit stages for waves alone, of fourth order,

@@ -26,7 +26,7 @@ Norms = tuple[float, float, float]
 Limits = Mapping[str, float | Mapping[Literal["low", "high"], float]]
 """Limits by quantity: `quantity = high`, or `quantity = {low = low, high = high}`."""
 
-NORMS = tuple(f"{norm}_{name}" for name in "hv" for norm in ("l1", "l2", "linf"))
+NORMS: tuple[str, ...] = tuple(f"{norm}_{name}" for name in "hv" for norm in ("l1", "l2", "linf"))
 """Names of the six normalised errors."""
 ORDERS = {
     "l2_h": "order",
