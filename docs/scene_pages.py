@@ -28,7 +28,6 @@ def write_scene_pages(folder):
 def _page(name, factory, cases):
     scene = get_scene(name)
     described, arguments = _described(factory)
-    step = "the stability limit" if scene.dt is None else f"{scene.dt:g} s with `rk4`"
     effects = ", ".join(f"`{effect.name}`" for effect in scene.effects)
     parts = [
         f"# {name}: {scene.title}",
@@ -37,7 +36,7 @@ def _page(name, factory, cases):
         f"Source: {scene.reference}.",
         f"    swe-sphere run {name}",
         f"* **Effects**: {effects}; nothing else is compiled.\n"
-        f"* **Recommended**: ne{scene.ne} np{scene.np}, {scene.days:g} days, steps of {step}.",
+        f"* **Recommended**: ne{scene.ne} np{scene.np}, {scene.days:g} days.",
         _parameters(factory, arguments),
         _expected(cases),
     ]

@@ -23,7 +23,7 @@ POINTS = 8
 
 
 SCENES = tomllib.loads(Path(__file__).with_name("scenes.toml").read_text("utf-8"))
-"""Title, reference and recommended mesh, step and length of run of the scenes, by name."""
+"""Title, reference and recommended mesh and length of run of the scenes, by name."""
 
 
 def build_scene(name: str, exact: UnsteadyState | None = None, **fields: Any) -> Scene:

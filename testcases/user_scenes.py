@@ -6,7 +6,7 @@ another scene with some things changed:
 base = "williamson5"                    # a scene, or a .py or .toml file beside this one
 name = "my-mountain"                    # by default the name of the file
 title = "slow flow over a mountain"
-ne = 8                                  # and np, dt [s], days: what is recommended
+ne = 8                                  # and np, days: what is recommended
 days = 5
 
 [parameters]                            # of the base; --set scene.… goes first
@@ -57,7 +57,6 @@ class _File(BaseModel):
     title: str | None = None
     ne: Whole | None = None
     np: Whole | None = None
-    dt: Positive | None = None
     days: Positive | None = None
     parameters: dict[str, Value] = {}
     effects: dict[str, dict[str, Value] | Literal[False]] = {}

@@ -166,7 +166,7 @@ def test_effects_are_a_closed_set_of_names() -> None:
 
 def test_functions_and_effects_of_a_scene_go_together() -> None:
     start = get_scene("williamson2").initial
-    given = dict(name="mine", title="", reference="", initial=start, ne=4, np=4, dt=None, days=1.0)
+    given = dict(name="mine", title="", reference="", initial=start, ne=4, np=4, days=1.0)
     with fails("mine: effect 'orography' needs the function 'bottom'"):
         Scene(**given, effects=(*DYNAMICS, Orography()))
     with fails("mine: 'coriolis' is given without effect 'rotation'"):
@@ -182,7 +182,7 @@ def test_functions_and_effects_of_a_scene_go_together() -> None:
 def test_a_scene_needs_a_name_effects_and_an_initial_state() -> None:
     start = get_scene("williamson2").initial
     scene = Scene("mine", (*DYNAMICS, Rotation()), start)
-    assert (scene.title, scene.dt, scene.exact) == ("mine", None, None)
+    assert (scene.title, scene.exact) == ("mine", None)
     lon, lat = np.array([0.3, 2.0]), np.array([-1.2, 0.4])
     for planet in (EARTH, Planet(rotation=1e-4)):
         turned = replace(scene, planet=planet)

@@ -70,12 +70,12 @@ def written(path: Path, text: str) -> str:
 
 def test_toml_scene_changes_another(tmp_path: Path) -> None:
     text = (
-        'base = "williamson2"\ntitle = "tilted"\nne = 5\nnp = 6\ndt = 300\ndays = 2.5\n'
+        'base = "williamson2"\ntitle = "tilted"\nne = 5\nnp = 6\ndays = 2.5\n'
         "[parameters]\nalpha = 0.5\n[effects]\nviscosity = { nu = 1e5 }\n"
     )
     scene, base = get_scene(written(tmp_path / "tilted.toml", text)), get_scene("williamson2")
     assert (scene.name, scene.title) == ("tilted", "tilted")
-    assert (scene.ne, scene.np, scene.dt, scene.days) == (5, 6, 300.0, 2.5)
+    assert (scene.ne, scene.np, scene.days) == (5, 6, 2.5)
     assert scene.parameters == {"alpha": 0.5} and scene.exact is not None
     assert scene.effects == (*base.effects, Viscosity(1e5))
     again = get_scene(str(tmp_path / "tilted.toml"), alpha="0.25")
@@ -127,7 +127,7 @@ def test_a_scene_in_a_file_knows_its_parameters(tmp_path: Path) -> None:
         ("base = 3\n", "bad.toml: base: must be a valid string, not 3"),
         ('base = "williamson2"\nnee = 4\n', "there is no 'nee' in a scene; there are base, name,"),
         ('base = "williamson2"\nne = 2.5\n', "bad.toml: ne: must be a valid integer, not 2.5"),
-        ('base = "williamson2"\ndt = -1\n', "bad.toml: dt: must be greater than 0, not -1"),
+        ('base = "williamson2"\ndays = -1\n', "bad.toml: days: must be greater than 0, not -1"),
         ('base = "williamson2"\ndays = nan\n', "bad.toml: days: must be a finite number, not nan"),
         ('base = "wiliamson2"\n', "bad.toml: unknown scene 'wiliamson2'; did you mean"),
         ('base = "williamson2"\n[parameters]\nb = 1\n', "williamson2 has no parameter 'b'; it has"),

@@ -91,8 +91,6 @@ class Scene:
     """Recommended number of elements along the edge of a cube face."""
     np: int = 4
     """Recommended number of nodes along the edge of an element."""
-    dt: float | None = None
-    """Recommended time step [s], stable for rk4 at this ne and np; None: chosen by the stepper."""
     days: float = 5.0
     """Recommended length of the run [days]."""
     planet: Planet = EARTH
@@ -355,7 +353,7 @@ def _wrong_numbers(scene: Scene) -> Iterator[str]:
         if not (whole and 1 <= value <= MOST_ELEMENTS):
             yield f"{name} must be a whole number from 1 to {MOST_ELEMENTS}, not {shown(value)}"
     positive = {"days": scene.days, "radius": scene.planet.radius, "gravity": scene.planet.gravity}
-    for name, number in (positive | ({} if scene.dt is None else {"dt": scene.dt})).items():
+    for name, number in positive.items():
         if not (is_finite(number) and number > 0.0):
             yield f"{name} must be finite and positive, not {shown(number)}"
     if scene.days > LONGEST_DAYS:
