@@ -6,8 +6,6 @@ middle of equal cells.  `gaussian:N` has the 2N Gauss latitudes and 4N longitude
 begin at 0 and go east, latitudes from south to north.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Hashable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Files of runs on grids of latitudes and longitudes, frame by frame."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Output of commands on the terminal: tables, a line of progress, and errors in one line."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterable, Sequence
 from typing import Any

@@ -5,8 +5,6 @@ the terms of the kernels that they switch on; those without (`PointwiseEffect`) 
 along, and a scene may define such of its own.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields

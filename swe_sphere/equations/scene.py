@@ -1,7 +1,5 @@
 """A scene: the data and formulas of one test case, and its effects as the user sets them."""
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -9,7 +7,7 @@ from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import partial
 from itertools import chain
 from numbers import Integral, Real
-from typing import Any, get_type_hints
+from typing import Any, Self, get_type_hints
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.effects import EFFECTS, Effect, PointwiseEffect
@@ -151,7 +149,7 @@ class Scene:
         """The effect of that name, None where the scene does not have it."""
         return next((effect for effect in self.effects if effect.name == name), None)
 
-    def with_effect(self, effect: Effect) -> Scene:
+    def with_effect(self, effect: Effect) -> Self:
         """The scene with the effect added, or put in the place of the one of the same name.
 
         An effect that vanishes (a viscosity of zero) is left out instead.  Relaxation of a scene
@@ -184,7 +182,7 @@ class Scene:
             if known is not None:
                 known(lon, lat, 0.0)
 
-    def without_effect(self, name: str) -> Scene:
+    def without_effect(self, name: str) -> Self:
         """The scene without the effect of that name and the function that it needs.
 
         What was exact with one of the scene's own effects is not exact without it.

@@ -1,7 +1,5 @@
 """References to compare runs with: states on latitude-longitude grids, and exact solutions."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Mapping

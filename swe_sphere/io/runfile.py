@@ -1,7 +1,5 @@
 """Sources of fields: files of this program, read back, and states in memory."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """Spectral-element interpolation of nodal fields to any points of the sphere."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The mesh: spectral elements on the cubed sphere, their nodes, metric terms and connections."""
 
-from __future__ import annotations
-
 import math
 import operator
 from dataclasses import dataclass
@@ -83,7 +81,7 @@ class Mesh:
         stretch: float = 1.0,
         centre: tuple[float, float] = (0.0, 0.0),
         spin: float = 0.0,
-    ) -> Mesh:
+    ) -> "Mesh":
         """The cubed sphere of 6 ne^2 elements with np x np GLL nodes each.
 
         radius [m]; centre = (lon, lat) [degrees] is where the centre of cube face 0 goes; spin

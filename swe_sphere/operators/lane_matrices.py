@@ -1,7 +1,5 @@
 """Sparse matrices on the device, a row in each SIMD lane, and the vectors they act on."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy
 import warp as wp

@@ -11,8 +11,6 @@ preconditioner, as it differs on the grid-scale modes.  `SchurMatrix` has S as s
 the host, for diagonals, coarse levels and patches.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import Any
 

@@ -4,8 +4,6 @@ They are the operators of the kernels, entry by entry: block elimination of the 
 has to use these and not a compact Laplacian.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

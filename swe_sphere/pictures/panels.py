@@ -1,7 +1,5 @@
 """The curves under a map: error norms over time, and the drift of conserved quantities."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

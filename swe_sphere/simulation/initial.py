@@ -1,7 +1,5 @@
 """Initial states that replace the one of the scene: a frame of any run, or a function."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The run loop: steps and, between them, observers, signals and the time limit."""
 
-from __future__ import annotations
-
 import math
 import signal
 import threading

@@ -3,8 +3,6 @@
 All of them are an `Observer`, which sees snapshots of the state and changes nothing.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 import time

@@ -1,7 +1,5 @@
 """The steps of a run: their length, as requested or chosen, fitted to the frames."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

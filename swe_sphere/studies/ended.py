@@ -1,7 +1,5 @@
 """How a run of a study ended, whatever happens."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Ensembles: the same run from several seeds of its scene, and how far apart they drift."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Runs of a study in several processes, for results that do not include times."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -1,7 +1,5 @@
 """Maps of sweeps: which family of steppers is cheapest along an axis, a wind or a resolution."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

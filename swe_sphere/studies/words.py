@@ -1,7 +1,5 @@
 """Numbers as they are read: short, with their units."""
 
-from __future__ import annotations
-
 import math
 
 NOTHING = "–"

@@ -1,7 +1,5 @@
 """Coarse correction on the element vertices: one solve for each family of waves, added up."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -3,8 +3,6 @@
 A sweep takes values in the ring from other ranks: they tell them after every sweep.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -9,8 +9,6 @@ function hat x pattern along each of the two directions, and one along both: fou
 orthogonal to each other.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import scipy
 from numpy.polynomial import legendre

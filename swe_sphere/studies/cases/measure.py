@@ -1,7 +1,5 @@
 """Running a case and measuring it: whatever happens in it is a record."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The pages of verification and of stability, in Markdown."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from functools import cache

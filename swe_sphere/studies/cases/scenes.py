@@ -1,7 +1,5 @@
 """Scenes of cases only: exact solutions, set-ups of another model, states hard to survive."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Literal

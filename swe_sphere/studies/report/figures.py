@@ -1,7 +1,5 @@
 """The figures of a sweep: looks of steppers, and curves through runs on logarithmic axes; SVG."""
 
-from __future__ import annotations
-
 import math
 from base64 import b64encode
 from collections.abc import Iterator

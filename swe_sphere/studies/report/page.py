@@ -1,7 +1,5 @@
 """A sweep as a page: one HTML file that needs nothing else, and of recipes a Markdown file too."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

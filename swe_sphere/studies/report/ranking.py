@@ -3,8 +3,6 @@
 Only runs that were measured count, never anything between them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A sweep: reference runs, then the grid or the searches, all of it resumable; to one dataset."""
 
-from __future__ import annotations
-
 import gc
 import math
 import os

@@ -1,7 +1,5 @@
 """Errors of runs: against a time-converged run, in total, and of the slow flow."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Makes the runs of a sweep one after the other: stepped, timed, told in numbers, kept."""
 
-from __future__ import annotations
-
 import gc
 import math
 import sys

@@ -1,7 +1,5 @@
 """Which steps to take: sequences, and searches for the longest that works or is accurate."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

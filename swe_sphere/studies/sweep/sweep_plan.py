@@ -1,7 +1,5 @@
 """What a sweep is asked to do: one frozen object, from flags, a recipe in TOML, or Python."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import product
