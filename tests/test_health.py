@@ -11,7 +11,9 @@ from swe_sphere import Scene, Simulation
 from swe_sphere.equations import effects
 from swe_sphere.equations.effects import DYNAMICS, MASSES, PointwiseEffect, Relaxation, Rotation
 from swe_sphere.errors import ConfigError, Unstable
+from swe_sphere.io.runfile import RunFile
 from swe_sphere.simulation.observers import LOST, RUNAWAY, HealthCheck
+from swe_sphere.steppers.stepper import Stepper
 
 SMALL = {"ne": 2, "np": 4, "dt": 900.0}
 
@@ -201,11 +203,81 @@ def test_a_callback_that_spoils_the_state_ends_the_run(stepper, step, tmp_path):
 
 
 def get_frames(file) -> int:
-    from swe_sphere.io.runfile import RunFile
-
     source = RunFile(file)
     assert all(np.isfinite(source.frame(t)["h"]).all() for t in source.times)
     return source.times.size
+
+
+SPOILT = {
+    "NaN": lambda x: np.nan * x,
+    "infinite": lambda x: np.inf * x,
+    "without depth": lambda x: 0.0 * x,
+    "energy": lambda x: 4.0 * x,
+    "mass": lambda x: 1.01 * x,
+}
+"""Changes of a state that the check notices."""
+
+
+def change_at(count, array, change, monkeypatch) -> None:
+    """Have steppers change an array by a function of its values at the end of a step."""
+    step = Stepper.step
+
+    def changed(stepper):
+        step(stepper)
+        if stepper.steps == count:
+            array(stepper).assign(change(array(stepper).numpy()))
+
+    monkeypatch.setattr(Stepper, "step", changed)
+
+
+@pytest.mark.parametrize(
+    ("stepper", "kind"), [*[("leapfrog", kind) for kind in SPOILT], ("rk4", "NaN"), ("bdf2", "NaN")]
+)
+@pytest.mark.parametrize("continued", [False, True])
+def test_the_newest_checkpoint_is_the_last_sound_state(
+    continued, stepper, kind, tmp_path, monkeypatch
+):
+    """A ruined state replaces neither frame nor checkpoint, also of the file that is continued."""
+    file, whole = tmp_path / "run.nc", tmp_path / "whole.nc"
+    asked = {"every": 0.25, "progress": False}
+    Simulation("williamson2", **SMALL, stepper=stepper).run(days=1 / 16, out=whole, **asked)
+    sim = Simulation("williamson2", **SMALL, stepper=stepper)
+    if continued:
+        sim.run(days=1 / 48, out=file, **asked)
+        sim = Simulation.from_checkpoint(file)
+    with monkeypatch.context() as patch:
+        change_at(4, lambda stepper: stepper.state, SPOILT[kind], patch)
+        assert sim.run(days=1 / 16, out=file, **asked).status == "unstable"
+    before = file.with_name("run.nc.restart").read_bytes()
+    with pytest.raises(Unstable):
+        sim.checkpoint(file.with_name("run.nc.restart"))
+    assert sim.run(days=1 / 16, out=file, **asked).status == "unstable"
+    assert file.with_name("run.nc.restart").read_bytes() == before
+    assert get_frames(file) == 4
+    resumed = Simulation.from_checkpoint(file)
+    assert resumed.steps == 3 and resumed.run(days=1 / 16, out=file, **asked).completed
+    assert get_frames(file) == 7
+    last, right = (RunFile(path).frame(None)["h"] for path in (file, whole))
+    assert np.array_equal(last, right)
+
+
+def test_a_checkpoint_whose_memory_is_not_finite_is_not_written(tmp_path, monkeypatch):
+    sim = Simulation("williamson2", **SMALL, stepper="leapfrog")
+    file = tmp_path / "run.nc"
+    sim.run(days=1 / 24, out=file)
+    change_at(8, lambda stepper: stepper.previous, lambda x: np.nan * x, monkeypatch)
+    summary = sim.run(days=1 / 12, out=file)
+    assert summary.status == "unstable"
+    assert summary.reason.startswith("the array previous of stepper leapfrog is not finite at day")
+    assert Simulation.from_checkpoint(file).steps == 4 and get_frames(file) == 2
+
+
+def test_the_message_of_a_method_without_a_stability_limit_names_none():
+    sim = Simulation("williamson2", **SMALL, stepper="tr-bdf2")
+    sim.begin()
+    set_state(sim, lambda x: np.nan * x)
+    with pytest.raises(Unstable, match="dt = 900 s, no stability limit at the initial state"):
+        HealthCheck(sim).observe(sim.snapshot)
 
 
 def test_later_observers_see_what_a_callback_has_changed():

@@ -2,6 +2,8 @@
 
 import os
 import secrets
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -63,6 +65,7 @@ def test_a_temporary_file_is_created_exclusively(tmp_path, monkeypatch, planted)
     if planted in ("link", "dangling"):
         with pytest.raises(OSError):
             claim(path)
+    monkeypatch.setattr(durable, "_remove_unfinished", lambda path: None)  # planted after that
     with pytest.raises(RunFailed, match="cannot write"):
         write_whole(path, "ours")
     assert theirs.read_text() == "mine" and not (tmp_path / "nowhere").exists()
@@ -80,7 +83,9 @@ def test_only_what_has_the_mark_of_the_program_is_removed(tmp_path):
     for each in like:
         each.write_text("mine")
     write_whole(path, "first")
-    assert ours.exists()
+    assert not ours.exists() and path.read_text() == "first"
+    os.close(claim(path)[0])
+    (ours,) = {*tmp_path.iterdir()} - {path, *like}
     file, part = claim(path)
     take_place(part, path)
     os.close(file)
@@ -97,6 +102,24 @@ def test_what_is_built_takes_its_place_at_the_end_or_not_at_all(tmp_path):
     with building(path) as part:
         part.write_text("whole")
     assert path.read_text() == "whole" and [*tmp_path.iterdir()] == [path]
+
+
+def test_a_file_that_a_killed_program_left_is_removed_and_one_in_use_is_not(tmp_path):
+    path = tmp_path / "page.html"
+    code = (
+        "import os; from pathlib import Path; from swe_sphere.files import durable\n"
+        "durable.take_place = lambda part, path: os.kill(os.getpid(), 9)\n"
+        f"durable.write_whole(Path({str(path)!r}), 'half')"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == -9
+    assert len([*tmp_path.iterdir()]) == 1
+    file, part = claim(tmp_path / "other.html")
+    used = part.rename(part.with_name(durable._new_name(path).name))
+    write_whole(path, "whole")
+    assert {*tmp_path.iterdir()} == {path, used} and path.read_text() == "whole"
+    os.close(file)
+    write_whole(path, "again")
+    assert [*tmp_path.iterdir()] == [path]
 
 
 def test_no_file_takes_the_place_of_a_folder(tmp_path):

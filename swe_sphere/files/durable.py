@@ -35,12 +35,14 @@ def write_whole(path: Path, contents: str | bytes) -> None:
     """
     with clear_errors(f"cannot write {path}", RunFailed, MENDING):
         path.parent.mkdir(parents=True, exist_ok=True)
-        part = _new_name(path)
-        os.close(os.open(part, NEW_FILE, 0o666))
+        with suppress(ConfigError):  # another program writes this file, too
+            _remove_unfinished(path)
+        file, part = _create(path)
         try:
             part.write_bytes(contents.encode() if isinstance(contents, str) else contents)
             take_place(part, path)
         finally:
+            os.close(file)
             part.unlink(missing_ok=True)
 
 
@@ -114,15 +116,20 @@ def claim(path: Path, folder: bool = False) -> tuple[int, Path]:
             what = "folder" if folder else "file"
             raise ConfigError(f"cannot write {path}: what is there is no {what}")
         os.close(_locked(path, os.O_RDONLY, path))
+    _remove_unfinished(path)
     return _create(path, folder)
 
 
-def _create(path: Path, folder: bool) -> tuple[int, Path]:
-    """Create and lock a temporary file or folder, as `claim`; remove those left behind."""
+def _remove_unfinished(path: Path) -> None:
+    """Remove temporary files of killed programs; ConfigError where a program still writes one."""
     for left in _marked(path):
         with suppress(FileNotFoundError):
             os.close(_locked(left, os.O_RDONLY | os.O_NOFOLLOW, path))
             remove(left)
+
+
+def _create(path: Path, folder: bool = False) -> tuple[int, Path]:
+    """Create and lock a temporary file or folder, as `claim`."""
     part = _new_name(path)
     if folder:
         part.mkdir()
@@ -132,6 +139,7 @@ def _create(path: Path, folder: bool) -> tuple[int, Path]:
 @contextmanager
 def building(path: Path, folder: bool = False) -> Iterator[Path]:
     """Yield a temporary name; what is built there in the block takes its place at the end."""
+    _remove_unfinished(path)
     file, part = _create(path, folder)
     os.close(file)  # libraries lock the file, or replace it
     try:

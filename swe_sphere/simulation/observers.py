@@ -136,12 +136,13 @@ class HealthCheck(Observer):
 
     def _unstable(self, failure: str, snapshot: Snapshot) -> Unstable:
         dt, limit = self._sim.plan.dt, self._sim.stable_dt()
+        bound = "no stability limit" if limit == math.inf else f"stability limit {limit:.4g} s"
         advice = "take a smaller dt"
         if dt <= limit:
             advice = "try a finer mesh, a smaller dt or more dissipation (edge-penalty.c=default)"
         return Unstable(
             f"{failure} at day {snapshot.time / DAY:.4g} (step {snapshot.steps}): dt = {dt:.6g} s,"
-            f" stability limit at the start about {limit:.4g} s; {advice}"
+            f" {bound} at the initial state; {advice}"
         )
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.compiling import is_watched
 from swe_sphere.equations.scene import Scene
-from swe_sphere.errors import ConfigError, RunFailed, SweError, in_one_line
+from swe_sphere.errors import ConfigError, RunFailed, SweError, Unstable, in_one_line
 from swe_sphere.files.durable import clear_errors
 from swe_sphere.files.fingerprints import code_fingerprint
 from swe_sphere.files.user_file import cause, check_trusted, guarded, users_code
@@ -696,12 +696,14 @@ class Simulation:
         """Write all that `from_checkpoint` needs to resume from here bit for bit.
 
         An existing checkpoint is replaced, any other file is not.
-        Raises RunFailed where the disk refuses, ConfigError for an existing file of another kind.
+        Raises RunFailed where the disk refuses or the state is unstable, ConfigError for an
+        existing file of another kind.
         """
         from swe_sphere.io.checkpoint import Checkpoint, is_checkpoint, write_checkpoint
         from swe_sphere.io.layout import plain
 
         self._begin_once()
+        HealthCheck(self).observe(self.snapshot)
         path = Path(path)
         arrays = dict(self.restart_arrays())
         name, attributes = self.config.stepper, plain(self.attributes())
@@ -719,9 +721,19 @@ class Simulation:
         return path
 
     def restart_arrays(self) -> Mapping[str, NDArray[np.generic]]:
-        """Return the arrays of an exact restart, with the counters, which are carried along."""
+        """Return the arrays of an exact restart, with the counters, which are carried along.
+
+        Raises Unstable where an array of the stepper is not finite: a restart would refuse it.
+        """
+        arrays = self.stepper.state_dict()
+        for name, array in arrays.items():
+            if not np.isfinite(array).all():
+                raise Unstable(
+                    f"the array {name} of stepper {self.kind.name} is not finite at day"
+                    f" {self.time / DAY:.4g} (step {self.steps}): take a smaller dt"
+                )
         counters = {f"{COUNTER}{name}": np.array(n) for name, n in self.counts().items()}
-        return self.stepper.state_dict() | counters | {LENGTHS: np.array(self._lengths)}
+        return arrays | counters | {LENGTHS: np.array(self._lengths)}
 
     def __repr__(self) -> str:
         where = "not begun" if self._stepper is None else f"day {self.time / DAY:.4g}"
