@@ -15,7 +15,10 @@ from swe_sphere.simulation import build
 from swe_sphere.simulation.loop import Interrupted, Interruption
 from swe_sphere.simulation.observers import Callback
 from swe_sphere.simulation.simulation import Simulation
-from swe_sphere.steppers.stepper import Stepper
+from swe_sphere.steppers.stepper import Stepper, Trajectory
+from swe_sphere.testcases import get_scene
+
+from .test_tracers import with_tracers
 
 LONG = {
     "adaptive": {"stepper": "esdirk4", "adaptive": 1e-3, "dt": 21600.0},
@@ -27,8 +30,23 @@ LONG = {
 """Steppers whose steps may be given up."""
 
 
+CARRYING = with_tracers(get_scene("williamson6"))
+LARGE = {
+    "semi-implicit": {"stepper": "semi-implicit", "dt": 1800.0},
+    "imex": {"stepper": "ark2", "dt": 3600.0},
+    "tracers": {"scene": CARRYING, "stepper": "forward-backward", "dt": 600.0, "tracer_steps": 3},
+    "tracers in stages": {"scene": CARRYING, "stepper": "fb-rk3", "dt": 900.0, "tracer_steps": 4},
+    "tracers with waves": {
+        "scene": CARRYING, "stepper": "semi-implicit", "dt": 900.0, "tracer_steps": 4,
+    },
+    "wind": {"scene": "deformational", "dt": 1800.0, "tracer_steps": 4},
+}  # fmt: skip
+"""Runs whose steps may be given up on large meshes."""
+
+
 def small(**values):
-    return Simulation("williamson6", **{"ne": 2, "np": 4} | values)
+    given = {"scene": "williamson6", "ne": 2, "np": 4} | values
+    return Simulation(given.pop("scene"), **given)
 
 
 def at_call(count, act, monkeypatch):
@@ -41,7 +59,10 @@ def at_call(count, act, monkeypatch):
             act()
         check()
 
-    for module in ("solvers.gmres", "solvers.krylov_exponential", "steppers.implicit"):
+    for module in (
+        "solvers.gmres", "solvers.krylov", "solvers.krylov_exponential", "steppers.implicit",
+        "steppers.tracer_steps", "operators.mass_steps",
+    ):  # fmt: skip
         monkeypatch.setattr(f"swe_sphere.{module}.check_stop", counted)
     return calls
 
@@ -64,11 +85,28 @@ def test_ctrl_c_within_a_step_is_heard_there_and_loses_nothing(tmp_path, monkeyp
     assert sim.outcome.status == "interrupted"
     found = RunFile(out)
     assert found.nearest(None) == sim.time and found.attributes["status"] == "interrupted"
-    again = Simulation.from_checkpoint(out)
+    again = Simulation.from_checkpoint(out, LONG[kind].get("scene"))
     assert again.run(days=1.0, every=12.0, out=out).completed
     assert sim.run(days=1.0, every=12.0).completed  # in the same process, too
     right = open_run(whole).h[-1]
     assert np.array_equal(open_run(out).h[-1], right) and np.array_equal(sim.state.h, right)
+
+
+@pytest.mark.parametrize("kind", [*LARGE])
+@pytest.mark.parametrize("count", [3, 14])
+def test_ctrl_c_within_a_step_on_a_large_mesh_is_heard_there(tmp_path, monkeypatch, kind, count):
+    monkeypatch.setattr("swe_sphere.steppers.stepper.LARGE", 1)
+    monkeypatch.setitem(LONG, kind, LARGE[kind])
+    test_ctrl_c_within_a_step_is_heard_there_and_loses_nothing(tmp_path, monkeypatch, kind, count)
+
+
+@pytest.mark.parametrize("kind", [*LARGE])
+def test_steps_on_small_meshes_are_not_copied_before_they_are_taken(monkeypatch, kind):
+    def fail(stepper):
+        raise AssertionError
+
+    monkeypatch.setattr(Trajectory, "keep", fail)
+    assert small(**LARGE[kind]).run(days=0.25).completed
 
 
 def test_every_family_with_long_steps_may_give_them_up():

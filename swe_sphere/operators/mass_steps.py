@@ -13,6 +13,7 @@ from swe_sphere.kernels.tracers import crossings
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.tracers import MixingRatio, TracerTransport
+from swe_sphere.ranks.limits import check_stop
 
 
 class Crossings:
@@ -51,6 +52,7 @@ class MassSteps:
         """
         carried, at = self._carried(state, 0.0)
         for part in range(parts):
+            check_stop()
             for i, fraction in enumerate(fractions):
                 out, step = self._work if i + 1 < len(fractions) else state, fraction * tau / parts
                 self._transport(flow, carried, at, out, self._first, self._stage(state, step))

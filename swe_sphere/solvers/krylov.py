@@ -9,6 +9,7 @@ from typing import Self
 
 import warp as wp
 
+from swe_sphere.ranks.limits import check_stop
 from swe_sphere.solvers.vector_space import VectorSpace
 
 # An operator reads its first vector and writes its second.
@@ -216,6 +217,7 @@ class ConjugateGradients(KrylovSolver):
         space.clear(self._direction)
         space.clear(s)
         while p.residual > goal and p.iterations < p.limit:
+            check_stop()
             z = r if p.precondition is None else self._preconditioned
             if p.precondition is not None:
                 p.precondition(r, z)

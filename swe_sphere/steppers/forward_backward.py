@@ -162,8 +162,8 @@ class ForwardBackwardRK3(SplitExplicit):
         super().start(state, t)
         self._prepare()
 
-    def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
-        super().load_state_dict(state, steps)
+    def load_numbers(self, state: dict[str, NDArray[Any]], steps: int) -> None:
+        super().load_numbers(state, steps)
         self._prepare()
 
     def _prepare(self) -> None:

@@ -42,6 +42,15 @@ STEPPERS: "Registry[Stepper]" = Registry(
 defined."""
 
 
+LARGE = 500_000
+"""Nodes of a rank above which a step of implicit gravity waves, or of tracers, takes a second."""
+
+
+def is_large(model: Model) -> bool:
+    """Return whether steps take so long that a copy of the state before each is worth its time."""
+    return model.mesh.size > LARGE * model.device_mesh.comm.size
+
+
 class Trajectory:
     """A state that moves in time, with what an exact restart needs.
 
@@ -56,7 +65,7 @@ class Trajectory:
     """Arrays that a method must keep between steps, by name; they are written to checkpoints."""
     solver: StageSolver | None = None
     """Solver of the equations in a step; None: it solves none."""
-    can_give_up: ClassVar[bool] = False
+    can_give_up: bool = False
     """True if steps are long and call `check_stop`, so that one may be given up within it."""
     together: int = 1
     """Number of steps that `step` takes."""
@@ -221,6 +230,7 @@ class Stepper(Trajectory, ABC):
 
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)
+        self.can_give_up |= self.family == "imex" and is_large(model)
         self.diffusion: Diffusion | None = None
         self.penalty: SplitPenalty | None = None
         self.wind_changed: Callable[[wp.array], None] | None = None  # of the change (2N,)

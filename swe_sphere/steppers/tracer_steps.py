@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import warp as wp
@@ -14,10 +14,12 @@ from swe_sphere.errors import ConfigError, Unstable
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.operators.mass_steps import Crossings, FluxSteps, MassSteps
 from swe_sphere.operators.tracers import TracerTransport
+from swe_sphere.ranks.limits import check_stop
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.split_diffusion import Diffusion
-from swe_sphere.steppers.stepper import Stepper, Trajectory, read_table
+from swe_sphere.steppers.stepper import Stepper, Trajectory, is_large, read_table
 
+T = TypeVar("T")
 FLOW = "flow_"
 """Prefix of the names of the arrays that the flow's stepper keeps."""
 PARTS = 2
@@ -109,6 +111,7 @@ class TracerSteps(Trajectory, ABC):
         super().__init__(model.inviscid, dt)
         self.name, self.order = kind.name, min(2, kind.order)  # type: ignore[misc]
         self.together, self._length = every, every * dt
+        self.can_give_up = is_large(model)
         self.diffusion = Diffusion(model, self._length) if model.diffusive else None
         self._rate, self._size = TransportRate(model), model.device_mesh.size
         self.counters["tracer_stages"] = 0
@@ -185,6 +188,7 @@ class CarriedTracers(TracerSteps):
             past = getattr(scheme, name)[self._crossed]
             launch(self._add, size, past, now, -1.0, past)
         for _ in range(self.together):
+            check_stop()
             scheme.step()
         crossed = scheme.state[self._crossed]
         launch(self._add, size, self._nothing, crossed, 1.0 / self._length, self._flux)
@@ -204,14 +208,21 @@ class CarriedTracers(TracerSteps):
     def costs(self) -> dict[str, float]:
         return self.scheme.costs() | super().costs()
 
-    def state_dict(self) -> dict[str, NDArray[Any]]:
-        flow = {f"{FLOW}{name}": array for name, array in self.scheme.state_dict().items()}
-        return super().state_dict() | flow
+    def restart_arrays(self) -> dict[str, wp.array]:
+        return super().restart_arrays() | _of_flow(self.scheme.restart_arrays())
 
-    def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
-        super().load_state_dict(state, steps)
+    def numbers(self) -> dict[str, NDArray[Any]]:
+        return super().numbers() | _of_flow(self.scheme.numbers())
+
+    def load_numbers(self, state: dict[str, NDArray[Any]], steps: int) -> None:
+        super().load_numbers(state, steps)
         flow = {k.removeprefix(FLOW): v for k, v in state.items() if k.startswith(FLOW)}
-        self.scheme.load_state_dict(flow, steps)
+        self.scheme.load_numbers(flow, steps)
+
+
+def _of_flow(values: dict[str, T]) -> dict[str, T]:
+    """Return the values of the flow's stepper by their names in checkpoints."""
+    return {f"{FLOW}{name}": value for name, value in values.items()}
 
 
 class CarriedWithDepth(TracerSteps):
