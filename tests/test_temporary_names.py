@@ -199,3 +199,33 @@ def test_an_unfinished_picture_leaves_the_one_before(made, tmp_path, monkeypatch
     with pytest.raises(ConfigError, match="No space left"):
         plot_file(made, "h", out=place, overwrite=True)
     assert place.read_bytes() == before and [*tmp_path.iterdir()] == [place]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "plot @", "plot run.nc --compare=@", "plot run.nc --out=@.png", "animate @",
+        "animate run.nc --out=@.gif", "compare @ run.nc", "compare run.nc @",
+        "regrid @ --grid=latlon:7x12", "regrid run.nc --grid=latlon:7x12 --out=@.nc",
+        "run williamson2 --restart=@", "run williamson2 --ne=2 --days=0 --out=@.nc",
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("name", ["a" * 300, "loop", "run.nc/a"])
+def test_names_that_the_system_refuses_end_in_one_line(words, name, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for ending in ("", ".png", ".gif", ".nc"):
+        (tmp_path / f"loop{ending}").symlink_to(f"loop{ending}")
+    small().run(days=0.0625, out="run.nc", progress=False)
+    with pytest.raises(SystemExit) as end:
+        main(words.replace("@", name).split())
+    told = capsys.readouterr().err.splitlines()
+    assert end.value.code in (1, 2) and "unexpected" not in told[-1]
+    assert [line.startswith("swe-sphere: ") for line in told] == [True]
+
+
+def test_names_that_the_system_refuses_are_clear_errors_in_python():
+    name = "a" * 300
+    with pytest.raises(ConfigError, match="File name too long"):
+        Simulation.from_checkpoint(name)
+    with pytest.raises(RunFailed, match="File name too long"):
+        small().checkpoint(name)

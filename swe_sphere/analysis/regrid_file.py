@@ -42,8 +42,6 @@ def regrid_file(
     if not out.parent.is_dir():
         raise ConfigError(f"cannot write {out}: there is no folder {out.parent}")
     check_free(out, overwrite)
-    if out.exists() and out.samefile(path):
-        raise ConfigError(f"{out} is the file that is read: choose another name")
     is_zarr = out.suffix == ".zarr"
     if is_zarr:
         check_zarr(out)
@@ -51,6 +49,8 @@ def regrid_file(
         xr.open_dataset(path, engine=engine(path), decode_times=False) as data,
         clear_errors(f"cannot write {out}"),
     ):
+        if out.exists() and out.samefile(path):
+            raise ConfigError(f"{out} is the file that is read: choose another name")
         chosen = _chosen(data, fields)
         before = str(data.attrs.get("history", ""))
         chosen.attrs["history"] = history(f"regrid {path.name} --grid {grid}", before)

@@ -151,7 +151,7 @@ def building(path: Path, folder: bool = False) -> Iterator[Path]:
 
 def check_free(path: Path, overwrite: bool) -> None:
     """Raise ConfigError where a file exists that is not to be replaced."""
-    if path.exists() and not overwrite:
+    if os.path.lexists(path) and not overwrite:
         raise ConfigError(f"{path} exists: choose another name, or replace it with --overwrite")
 
 

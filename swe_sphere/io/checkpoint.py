@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.durable import building
+from swe_sphere.files.durable import building, clear_errors
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.io.schema import CheckpointHeader
 
@@ -73,8 +73,9 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
     the file of frames is that of another run.
     """
     path = Path(path)
-    if path.is_file() and zipfile.is_zipfile(path):
-        return _read(path)
+    with clear_errors(f"cannot read {path}"):
+        if path.is_file() and zipfile.is_zipfile(path):
+            return _read(path)
     run_id, beside = RunFile(path).attributes.get("run_id"), checkpoint_path(path)
     if not beside.exists():
         raise ConfigError(f"{path} has no checkpoint: there is no file {beside} beside it")

@@ -19,7 +19,7 @@ from scipy.io import netcdf_file
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, SweError
-from swe_sphere.files.durable import check_moved
+from swe_sphere.files.durable import check_moved, clear_errors
 from swe_sphere.io.growing import check_zarr, is_store
 from swe_sphere.io.layout import MESH_ATTRIBUTES, SERIES, SUMMARY, TRACER, VARIABLES, in_python
 from swe_sphere.io.scalar_fields import Sampler, derive, evaluate
@@ -42,12 +42,13 @@ def reading(path: str | os.PathLike[str]) -> Iterator[xr.Dataset]:
 
     Raises ConfigError, in one line, for a fault of the file that shows in the block.
     """
-    check_moved(Path(path))
-    kind = engine(Path(path))
-    if kind == "zarr":
-        check_zarr(Path(path))
-    elif not Path(path).is_file():
-        raise ConfigError(f"there is no file {path}")
+    with clear_errors(f"cannot read {path}"):
+        check_moved(Path(path))
+        kind = engine(Path(path))
+        if kind == "zarr":
+            check_zarr(Path(path))
+        elif not Path(path).is_file():
+            raise ConfigError(f"there is no file {path}")
     try:
         with warnings.catch_warnings():
             # a store of another program need not have consolidated metadata

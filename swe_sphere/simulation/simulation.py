@@ -710,11 +710,11 @@ class Simulation:
         checkpoint = Checkpoint(arrays, self.time, self.steps, name, attributes)
 
         def write() -> None:
-            if path.exists() and not is_checkpoint(path):
-                raise ConfigError(
-                    f"{path} is there already, and no checkpoint: choose another name"
-                )
             with clear_errors(f"cannot write {path}", RunFailed):
+                if path.exists() and not is_checkpoint(path):
+                    raise ConfigError(
+                        f"{path} is there already, and no checkpoint: choose another name"
+                    )
                 write_checkpoint(path, checkpoint)
 
         self.comm.on_root(write)
