@@ -73,7 +73,7 @@ class Pair:
         split = pair[1].diffusion
         return [
             self.name, name, f"{free:.0f}", f"{within:.0f}", f"{now:.0f}",
-            "" if split is None else f"{split.evaluations}", f"× {statistics.median(ratios):.2f}",
+            "" if split is None else f"{len(split.stages)}", f"× {statistics.median(ratios):.2f}",
             f"{error['l2_h']:.1e}", f"{error['l2_v']:.1e}",
         ]  # fmt: skip
 

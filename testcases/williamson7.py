@@ -16,6 +16,7 @@ each of the three on (lat, lon), nothing missing.  Of a dimension of pressures t
 is taken; other dimensions must have length 1.
 """
 
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -41,19 +42,8 @@ DEPTH = 1e4
 """Mean depth [m], put in the place of that of the analysis as in the paper."""
 DEGREE = 42
 """Highest degree of the synthetic state, that of the paper's analyses."""
-NAMES = {
-    "lat": ("lat", "latitude"),
-    "lon": ("lon", "longitude"),
-    "u": ("u", "uwnd", "ua"),
-    "v": ("v", "vwnd", "va"),
-    "z": ("z", "hgt", "zg"),
-}
-PASCALS = {"Pa": 1.0, "hPa": 100.0, "millibar": 100.0, "millibars": 100.0, "mb": 100.0}
-WIND = dict.fromkeys(("m s-1", "m/s", "m s**-1", "m s^-1", "ms-1", "m.s-1"), 1.0)
-HEIGHT = dict.fromkeys(("m", "metre", "metres", "meter", "meters", "gpm"), 1.0) | dict.fromkeys(
-    ("m2 s-2", "m**2 s**-2", "m^2 s^-2", "m2/s2", "m^2/s^2", "m2 s**-2"), 1.0 / EARTH.gravity
-)
-"""Factors that take numbers of these units to m s-1 and to m."""
+KNOWN = tomllib.loads(Path(__file__).with_name("analyses.toml").read_text("utf-8"))
+"""Names of variables and of their units, and factors that take pressures to Pa."""
 LEAST = 8
 """Smallest number of latitudes and of longitudes."""
 
@@ -199,11 +189,11 @@ def _read_analysis(path: Path) -> list[Array]:
 
 
 def _variable(dataset: Any, ours: str) -> Any:
-    for name in NAMES[ours]:
+    for name in KNOWN["names"][ours]:
         if name in dataset.variables:
             return dataset[name]
     wanted = "; u, v and z are needed" if ours in "uvz" else ""
-    raise ConfigError(f"there is no variable {' or '.join(NAMES[ours])}{wanted}")
+    raise ConfigError(f"there is no variable {' or '.join(KNOWN['names'][ours])}{wanted}")
 
 
 def _axis(dataset: Any, ours: str) -> tuple[Any, Array]:
@@ -240,7 +230,10 @@ def _check_grid(lat: tuple[Any, Array], lon: tuple[Any, Array]) -> None:
 def _field(dataset: Any, ours: str, dims: list[str]) -> Array:
     """Return a field (latitudes, longitudes) in m s-1 or m."""
     variable = _variable(dataset, ours)
-    units, known = str(getattr(variable, "units", "")).strip(), HEIGHT if ours == "z" else WIND
+    units = str(getattr(variable, "units", "")).strip()
+    known = dict.fromkeys(KNOWN["units"][ours], 1.0)
+    if ours == "z":
+        known |= dict.fromkeys(KNOWN["units"]["geopotential"], 1.0 / EARTH.gravity)
     if units not in known:
         wanted = "'m' (height) or 'm2 s-2' (geopotential)" if ours == "z" else "'m s-1'"
         raise ConfigError(f"{variable.name} must have units {wanted}, not {units!r}")
@@ -260,7 +253,7 @@ def _field(dataset: Any, ours: str, dims: list[str]) -> Array:
 def _level(dataset: Any, axis: str) -> int | slice:
     """Return the index of 500 hPa on an axis of pressures, all of any other."""
     variable = dataset.variables.get(axis)
-    factor = PASCALS.get(getattr(variable, "units", ""))
+    factor = KNOWN["pressure"].get(getattr(variable, "units", ""))
     if factor is None or variable.shape == (1,):
         return slice(None)
     found = np.flatnonzero(np.isclose(variable[:] * factor, 5e4))

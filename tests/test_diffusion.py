@@ -140,7 +140,7 @@ def test_it_limits_no_step(name: str) -> None:
     assert found == kind.spectrum(plain, state)
     assert kind.order_in(thick) == (1 if name in FIRST_ORDER else 2)
     stepper = kind(thick, 0.9 * kind.limit(found))
-    assert stepper.diffusion.evaluations > 5
+    assert len(stepper.diffusion.stages) > 5
     (operation,) = stepper.model.tendency.operations
     assert operation.operator.terms == Terms(pressure=True)
     rest = np.concatenate([np.zeros(2 * MESH.size), np.full(MESH.size, 1000.0)])

@@ -1,6 +1,7 @@
 """The flags of a command from the fields of its configuration: names, types and help texts."""
 
 import inspect
+import tomllib
 from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
@@ -12,19 +13,7 @@ from swe_sphere.settings.values import flag_of
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-METAVARS = {
-    "stepper": "NAME|FILE.py", "preconditioner": "NAME|FILE.py", "tolerance": "T",
-    "dt": "SECONDS|auto", "adaptive": "TOL", "days": "D", "ne": "N", "np": "N", "stretch": "S",
-    "centre_lon": "DEGREES", "centre_lat": "DEGREES", "spin": "DEGREES", "alpha": "RADIANS",
-    "device": "cpu|cuda:0", "settings": "EFFECT.PARAMETER=VALUE", "diagnostics": "FILE.py",
-    "out": "FILE.nc", "every": "HOURS", "plot": "FILE.png", "live": "FIELD", "restart": "FILE.nc",
-    "trust": "FILE", "initial": "FILE.nc", "initial_time": "DAYS", "reference": "FILE.nc",
-    "time_limit": "SECONDS", "tracer_steps": "K|auto",
-    "levels": "N", "repeats": "R", "jobs": "N", "target_error": "E", "error": "E",
-    "budget": "SECONDS",
-    "projection": "NAME", "centre": "LON|LON,LAT", "region": "W,E,S,N", "limits": "LOW,HIGH",
-    "colours": "NAME",
-}  # fmt: skip
+METAVARS = tomllib.loads(Path(__file__).with_name("placeholders.toml").read_text("utf-8"))
 """Placeholders of the values of flags in the help, where the type is not enough."""
 
 

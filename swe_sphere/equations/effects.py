@@ -260,7 +260,10 @@ class Hyperviscosity(Effect):
         """ν [m4 s-1], by default that of the mesh."""
         if self.nu is not None:
             return {"nu4": self.nu}
-        refinement = _refinement(mesh)
+        refinement = 1.0
+        if mesh.stretch != 1.0:
+            plain = Mesh.build(mesh.ne, mesh.np, mesh.radius)
+            refinement = plain.spacing()[0] / mesh.spacing()[0]
         default = hyperviscosity_default(mesh.ne, mesh.np, mesh.radius, refinement)
         return {"nu4": self.factor * default}
 
@@ -331,14 +334,6 @@ def hyperviscosity_default(
     """
     spacing = (30.0 * 3.0) / (ne * (np - 1) * refinement)
     return float(1.0e15 / 30.0 * (radius / EARTH.radius) * spacing ** (1.0 / math.log10(2.0)))
-
-
-def _refinement(mesh: Mesh) -> float:
-    """Smallest node spacing of the mesh without stretching, over that of the mesh; at least 1."""
-    if mesh.stretch == 1.0:
-        return 1.0
-    plain = Mesh.build(mesh.ne, mesh.np, mesh.radius)
-    return plain.spacing()[0] / mesh.spacing()[0]
 
 
 @dataclass(frozen=True)

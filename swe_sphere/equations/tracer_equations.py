@@ -58,9 +58,13 @@ class TracerEquations:
         if component not in TRANSPORT:
             operations = [Operation(partial(_clear, self.first))]
         elif component == "tangent" and self._wind is None:
-            operations = [Operation(partial(self._transport_tangent, base))]
+            transport = self._transport.tangent
+            operations = [Operation(lambda x, out: transport(base, x, self.first, out))]
         else:
-            operations = [Operation(partial(self._transport_of, stage))]
+            wind = self._wind
+            operations = [
+                Operation(lambda x, out: self.carry(x if wind is None else wind, x, out, stage))
+            ]
         if self._diffusion is None or component == "conservative":
             return operations
         if stage is not None:
@@ -69,16 +73,9 @@ class TracerEquations:
             )
         return operations + self._diffusion.operations(base if component == "tangent" else None)
 
-    def carry(self, wind: wp.array, x: wp.array, out: wp.array) -> None:
-        """Write the rates of transport by a wind (2N, ...) of the masses in x."""
-        self._transport(wind, x, self.first, out, self.first)
-
-    def _transport_of(self, stage: Any, x: wp.array, out: wp.array) -> None:
-        wind = x if self._wind is None else self._wind
+    def carry(self, wind: wp.array, x: wp.array, out: wp.array, stage: Any = None) -> None:
+        """Write the rates of transport by a wind (2N, ...) of the masses in x, or a stage."""
         self._transport(wind, x, self.first, out, self.first, stage)
-
-    def _transport_tangent(self, base: wp.array, x: wp.array, out: wp.array) -> None:
-        self._transport.tangent(base, x, self.first, out)
 
     def mixing_ratio(self) -> MixingRatio:
         """Return new room for the mixing ratios of a state."""

@@ -34,7 +34,6 @@ class Initial:
         from swe_sphere.io.runfile import Frame, RunFile
 
         self._given, self._points = given, np.empty(0)
-        self._known: dict[str, Array] = {}
         time = None if day is None else day * DAY
         if callable(given) and day is None:
             return
@@ -94,10 +93,8 @@ class Initial:
         if np.array_equal(points, frame.points):
             return frame.values(name)
         if not np.array_equal(points, self._points):
-            self._points, self._sampler, self._known = points, frame.sampler(lon, lat), {}
-        if name not in self._known:
-            self._known[name] = evaluate(self._sampler, frame.fields, name)
-        return self._known[name]
+            self._points, self._sampler = points, frame.sampler(lon, lat)
+        return evaluate(self._sampler, frame.fields, name)
 
 
 def _later(function: Callable[..., Any], by: float, lon: Array, lat: Array, time: float) -> Any:

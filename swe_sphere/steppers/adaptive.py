@@ -72,7 +72,7 @@ class AdaptiveSteps(Trajectory):
         self.scheme, self._power = scheme, scheme.estimate_order
         self.name, self.order = scheme.name, scheme.order  # type: ignore[misc]
         super().__init__(scheme.model, scheme.dt)
-        self.state, self.counters = scheme.state, scheme.counters
+        self.state, self.counters, self.solver = scheme.state, scheme.counters, scheme.solver
         self.counters["accepted_steps"] = 0
         self._loosest = scheme.solver.loosest
         self.tolerance = self._before = tolerance
@@ -149,9 +149,6 @@ class AdaptiveSteps(Trajectory):
                 f"{self.name}: no step from {t:.0f} s is short enough, the last of {dt:.3g} s:"
                 f" {why}; {advice}"
             )
-
-    def costs(self) -> dict[str, float]:
-        return self.scheme.costs()
 
     def restart_arrays(self) -> dict[str, wp.array]:
         return self.scheme.restart_arrays()

@@ -60,9 +60,6 @@ class ImexStepper(Stepper):
         self._depth = slice(2 * n, 3 * n)
         self.allocate()
 
-    def allocate(self) -> None:
-        """Make the arrays of the method, which has its model and solver already."""
-
     @classmethod
     def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
         """Spectral radii [s-1] of F - L, with L the implicit waves.

@@ -278,9 +278,6 @@ class ImplicitStepper(VariableStepper):
         super().__init__(model, dt, solver)
         self.allocate()
 
-    def allocate(self) -> None:
-        """Make the arrays of the method, which has its model and solver already."""
-
     def begin(self, slope: wp.array) -> None:
         """Guess the slope at the start for all stages."""
         for guess in self.guesses:

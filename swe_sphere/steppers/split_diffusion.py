@@ -69,18 +69,14 @@ class Diffusion:
     def __init__(self, model: Model, dt: float, order: int = 2) -> None:
         self._model, self._dt = model, dt
         stages = legendre_stages(dt * model.diffusion_radius, order)
-        self._stages = [(mu, nu, dt * a, dt * b) for mu, nu, a, b in stages]
+        self.stages = [(mu, nu, dt * a, dt * b) for mu, nu, a, b in stages]
+        """Coefficients of the stages of a step, each of which evaluates D once."""
         self._first, self._rate, self._stage = (model.zeros() for _ in range(3))
         self._changes = model.zeros(), model.zeros()
         mesh = model.device_mesh
         run = mesh.real, mesh.lanes, Span(0, model.size)
         self._combinations = in_runs(model.launch, diffusive_stage, *run)
         self._replay = Replay(model.launch)
-
-    @property
-    def evaluations(self) -> int:
-        """Number of evaluations of D in a step."""
-        return len(self._stages)
 
     def act(self, state: wp.array) -> None:
         """Diffuse the state by itself."""
@@ -108,7 +104,7 @@ class Diffusion:
         before.zero_()
         self._model.diffusion(x, first)
         rate = first
-        *stages, end = self._stages
+        *stages, end = self.stages
         for mu, nu, a, b in stages:
             c = held * (a + b)
             for combine in self._combinations:

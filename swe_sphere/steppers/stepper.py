@@ -264,6 +264,9 @@ class Stepper(Trajectory, ABC):
                     f" attributes with arrays, not {names!r}"
                 )
 
+    def allocate(self) -> None:
+        """Make the arrays of a method with a solver, which has its model and solver already."""
+
     def begin(self, slope: wp.array) -> None:
         """Make the first guesses of a method with a solver from the slope at the start."""
 
