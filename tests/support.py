@@ -60,7 +60,6 @@ def make_scene(*names: str) -> Scene:
         forcing=_forcing if "forcing" in names else None,
         ne=2,
         np=4,
-        dt=None,
         days=1.0,
     )
 
