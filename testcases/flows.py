@@ -15,12 +15,7 @@ import numpy as np
 
 from swe_sphere.equations.scene import Array, Scene, State, UnsteadyState
 from swe_sphere.mesh.sphere import angle, position
-from swe_sphere.planet import EARTH, Planet
-
-PANELS = 128
-POINTS = 8
-"""Gauss-Legendre panels over the wind and points a panel: the integrals are right to round-off."""
-
+from swe_sphere.planet import EARTH
 
 SCENES = tomllib.loads(Path(__file__).with_name("scenes.toml").read_text("utf-8"))
 """Title, reference and recommended mesh and length of run of the scenes, by name."""
@@ -89,7 +84,6 @@ def zonal_balance(
     wind: Callable[[Array], Array],
     south: float = -np.pi / 2.0,
     north: float = np.pi / 2.0,
-    planet: Planet = EARTH,
 ) -> Callable[[Array], Array]:
     """Return the fall of g h [m2 s-2], from the south pole to a latitude, that balances a wind.
 
@@ -99,18 +93,18 @@ def zonal_balance(
     Args:
         wind: eastward wind [m s-1] at latitudes [rad]; smooth, or smooth where it is not zero.
         south, north: the wind is zero outside of these latitudes [rad].
-        planet: whose radius and rotation.
     """
-    points, weights = np.polynomial.legendre.leggauss(POINTS)
+    # 128 Gauss-Legendre panels of 8 points: the integrals are right to round-off
+    points, weights = np.polynomial.legendre.leggauss(8)
 
     def integral(start: Array, end: Array) -> Array:
         """Integral of a u (f + u tan θ / a) [m2 s-2], one Gauss-Legendre panel each."""
         half = 0.5 * (end - start)
         lat = 0.5 * (start + end)[..., None] + half[..., None] * points
-        u, coriolis = wind(lat), 2.0 * planet.rotation * np.sin(lat)
-        return half * ((u * (planet.radius * coriolis + u * np.tan(lat))) @ weights)
+        u, coriolis = wind(lat), 2.0 * EARTH.rotation * np.sin(lat)
+        return half * ((u * (EARTH.radius * coriolis + u * np.tan(lat))) @ weights)
 
-    edges = np.linspace(south, north, PANELS + 1)
+    edges = np.linspace(south, north, 129)
     totals = np.concatenate([[0.0], np.cumsum(integral(edges[:-1], edges[1:]))])
 
     def drop(lat: Array | float) -> Array:

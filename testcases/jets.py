@@ -15,8 +15,6 @@ from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases.flows import ZonalJet, build_scene, solid_body, tilted_latitude, wrapped
 from swe_sphere.testcases.harmonics import BalancedFlow, random_streamfunction
 
-SOUTH_POLE_DEPTH = 10158.18617045462
-"""Depth at the south pole [m] for which the mean depth without the perturbation is 10 km."""
 JET = ZonalJet(speed=80.0, south=np.pi / 7.0, north=np.pi / 2.0 - np.pi / 7.0)
 """The jet at 45°N (eq. 2)."""
 
@@ -66,7 +64,8 @@ def _balanced(jet: ZonalJet) -> UnsteadyState:
     """Return a jet over the depth in balance with it."""
 
     def state(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        depth = SOUTH_POLE_DEPTH - jet.drop(lat) / EARTH.gravity
+        # at 80 m/s the mean depth is 10 km
+        depth = 10158.18617045462 - jet.drop(lat) / EARTH.gravity
         return jet(lat) + 0.0 * lon, 0.0 * (lon + lat), depth + 0.0 * lon
 
     return state

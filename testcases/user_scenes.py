@@ -30,7 +30,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, ValidationError
 
 from swe_sphere.equations.scene import Parameter, Scene, with_parameters
 from swe_sphere.errors import ConfigError, shown, unknown_name
@@ -41,10 +41,7 @@ from swe_sphere.settings.values import complaint, convert, read_toml
 DEPTH = 8
 """So many files may build on each other; more are taken for a circle."""
 
-Integer = Annotated[int, Field(ge=-(2**63), lt=2**63)]
-Value = bool | Integer | float | str
-Positive = Annotated[float, Field(gt=0.0)]
-Whole = Annotated[int, Field(gt=0)]
+Value = bool | Annotated[int, Field(ge=-(2**63), lt=2**63)] | float | str
 
 
 class _File(BaseModel):
@@ -55,9 +52,9 @@ class _File(BaseModel):
     base: str
     name: str | None = None
     title: str | None = None
-    ne: Whole | None = None
-    np: Whole | None = None
-    days: Positive | None = None
+    ne: PositiveInt | None = None
+    np: PositiveInt | None = None
+    days: PositiveFloat | None = None
     parameters: dict[str, Value] = {}
     effects: dict[str, dict[str, Value] | Literal[False]] = {}
 
@@ -214,7 +211,5 @@ def _factories() -> Iterator[tuple[str, SceneFactory]]:
                 yield name.replace("_", "-"), function
 
 
-_FOUND = dict(_factories())
-_ORDER = sorted(_FOUND, key=lambda name: (not name.startswith("williamson"), name))
-SCENES = {name: _FOUND[name] for name in _ORDER}
+SCENES = dict(sorted(_factories(), key=lambda of: (not of[0].startswith("williamson"), of[0])))
 """Factories by name, the standard set first; their keyword parameters are those of the scene."""

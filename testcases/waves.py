@@ -23,9 +23,6 @@ from swe_sphere.planet import DAY, EARTH, Planet
 from swe_sphere.testcases.flows import at_rest, build_scene
 from swe_sphere.testcases.harmonics import Complex, GaussGrid, synthesis
 
-Constituent = Literal["m2", "s2", "k1", "o1"]
-
-
 TIDES = {
     "m2": (2, 0.242334, 1.405189e-4),
     "s2": (2, 0.112743, 1.454441e-4),
@@ -42,7 +39,9 @@ def _effects(linear: bool, *more: Effect) -> tuple[Effect, ...]:
     return (*DYNAMICS, Rotation(), *more, *((Linearised(),) if linear else ()))
 
 
-def tide(constituent: Constituent = "m2", depth: float = 4000.0, linear: bool = True) -> Scene:
+def tide(
+    constituent: Literal["m2", "s2", "k1", "o1"] = "m2", depth: float = 4000.0, linear: bool = True
+) -> Scene:
     """Tide in an ocean of even depth over the whole globe (exact).
 
     The wind is driven by g ∇η_eq, the equilibrium tide of one constituent:

@@ -147,7 +147,8 @@ class Analysis:
         degree = truncation(self.mesh) if degree is None else convert("degree", int, degree)
         if degree < 1:
             raise ConfigError(f"degree={degree}: a spectrum goes to wavenumber 1 at least")
-        at = Interpolator(self.mesh, *grid_for(degree).points)
+        # half as fine again as the degree needs, so that what is finer folds back only beyond it
+        at = Interpolator(self.mesh, *gaussian((3 * degree + 5) // 4).points)
 
         def transformed(u: Array, v: Array) -> Array:
             return spectra(*at.wind(u, v), degree, self.mesh.radius)
@@ -292,20 +293,12 @@ def truncation(mesh: Mesh) -> int:
     return 2 * mesh.ne * (mesh.np - 1)
 
 
-def grid_for(degree: int) -> Grid:
-    """The grid on which `spectra` to a degree wants the wind.
-
-    Half as fine again as the degree needs, so that what is finer folds back only beyond it.
-    """
-    return gaussian((3 * degree + 5) // 4)
-
-
 def spectra(u: Array, v: Array, degree: int, radius: float) -> Array:
     """Rotational and divergent kinetic energy [m2 s-2] and enstrophy [s-2], (3, degree + 1).
 
-    u, v: wind [m s-1] at the points of `grid_for`.  Means over the sphere: the sum of the first two
-    over all wavenumbers n is the mean of (u² + v²) / 2, that of the third the mean of ζ² / 2.  With
-    the coefficients of vorticity and divergence the energy is
+    u, v: wind [m s-1] on a Gaussian grid.  Means over the sphere: the sum of the first two over all
+    wavenumbers n is the mean of (u² + v²) / 2, that of the third the mean of ζ² / 2.  With the
+    coefficients of vorticity and divergence the energy is
     a² / (4 n (n + 1)) Σ_m (|ζ_nm|² + |δ_nm|²) (Lambert, 1984, Atmosphere-Ocean 22, eq. 6).
     """
     grid = GaussGrid(u.shape[0] - 1)

@@ -38,17 +38,6 @@ class Grid:
     edges: Array
 
     @property
-    def zones(self) -> Array:
-        """Share (M,) of the sphere's area that each row of cells has."""
-        return np.asarray(0.5 * np.diff(np.sin(self.edges)), dtype=np.float64)
-
-    @property
-    def lon_edges(self) -> Array:
-        """Longitudes (K+1,) [rad] of the western and eastern edges of the cells."""
-        west = -0.5 * float(self.lon[1])
-        return np.linspace(west, west + 2.0 * np.pi, self.lon.size + 1)
-
-    @property
     def points(self) -> tuple[Array, Array]:
         """Longitude and latitude (M, K) [rad] of all points."""
         lon, lat = np.meshgrid(self.lon, self.lat)
@@ -105,12 +94,9 @@ def _around(name: str, rows: int, columns: int) -> Array:
     return np.arange(columns, dtype=float) * (2.0 * np.pi / columns)
 
 
-MESH_ONLY = ("mesh", "location", "coordinates", "grid_mapping", "cell_measures")
-"""Attributes of variables that say how they lie on the mesh."""
-
-
 def on_grid(data: xr.Dataset, at: Interpolator, grid: Grid) -> xr.Dataset:
     """Return all fields on the nodes of a mesh at the points of a grid: (..., lat, lon)."""
+    on_mesh = ("mesh", "location", "coordinates", "grid_mapping", "cell_measures")
     names = [name for name in fields_of(data) if name != "area"]
     sizes = {"lat": grid.lat.size, "lon": grid.lon.size}
     found: dict[str, xr.DataArray] = {}
@@ -119,7 +105,7 @@ def on_grid(data: xr.Dataset, at: Interpolator, grid: Grid) -> xr.Dataset:
     for name in names:
         if name not in found:
             found[name] = on_nodes(at, sizes, data[name])
-        found[name].attrs = {k: x for k, x in data[name].attrs.items() if k not in MESH_ONLY}
+        found[name].attrs = {k: x for k, x in data[name].attrs.items() if k not in on_mesh}
     attributes = data.attrs | {"Conventions": "CF-1.11", "grid": grid.name}
     result = xr.Dataset({name: found[name] for name in names}, attrs=attributes)
     return result.assign_coords(_coordinates(grid, at.mesh.radius))
@@ -154,11 +140,14 @@ def on_nodes(function: Any, sizes: dict[str, int], *arrays: xr.DataArray, result
 def _coordinates(grid: Grid, radius: float) -> dict[str, Any]:
     """Return latitudes, longitudes, their bounds [degrees] and areas [m2] of cells, for xarray."""
     about = {"standard_name": "cell_area", "long_name": "area of the cell", "units": "m2"}
-    zones = 4.0 * np.pi * radius**2 * grid.zones / grid.lon.size
+    west = -0.5 * float(grid.lon[1])
+    lon_edges = np.linspace(west, west + 2.0 * np.pi, grid.lon.size + 1)
+    shares = 0.5 * np.diff(np.sin(grid.edges))  # of the sphere's area, by rows
+    zones = 4.0 * np.pi * radius**2 * shares / grid.lon.size
     area = np.repeat(zones[:, None], grid.lon.size, axis=1)
     named: dict[str, Any] = {"cell_area": (("lat", "lon"), area, about)}
     for name, centre, edges in (
-        ("lat", grid.lat, grid.edges), ("lon", grid.lon, grid.lon_edges),
+        ("lat", grid.lat, grid.edges), ("lon", grid.lon, lon_edges),
     ):  # fmt: skip
         known = VARIABLES["coordinates"][name]
         about = {k: known[k] for k in ("standard_name", "units")} | {"bounds": f"{name}_bnds"}

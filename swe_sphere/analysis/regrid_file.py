@@ -14,8 +14,6 @@ from swe_sphere.io.layout import SERIES, history
 from swe_sphere.io.runfile import RunFile, checked, engine
 from swe_sphere.mesh import Interpolator
 
-COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True}
-
 
 def regrid_file(
     path: Path, grid: str, out: Path, fields: Sequence[str] = (), overwrite: bool = False
@@ -85,7 +83,8 @@ def _frames(path: Path, data: xr.Dataset, at: Interpolator, grid: Grid) -> Itera
 
 def _write_netcdf(path: Path, frames: Iterator[xr.Dataset]) -> None:
     first = next(frames)
-    encoding = {name: COMPRESSION for name in first.data_vars if first[name].ndim > 1}
+    compression = {"zlib": True, "complevel": 4, "shuffle": True}
+    encoding = {name: compression for name in first.data_vars if first[name].ndim > 1}
     first.to_netcdf(path, "w", format="NETCDF4", encoding=encoding, unlimited_dims=["time"])
     with netCDF4.Dataset(path, "a") as file:
         for k, frame in enumerate(frames, start=1):

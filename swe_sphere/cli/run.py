@@ -45,8 +45,6 @@ ENDING = {
     signal.SIGUSR1: signal.SIGTERM,
 }  # fmt: skip
 """Signals that end a run, and what mpiexec passes on to its ranks in their place."""
-PR_SET_PDEATHSIG = 1
-"""Option of Linux: see prctl(2)."""
 PROCESS = 100 * 2**20
 """Memory [bytes] that a rank shares with no other, with the smallest mesh."""
 
@@ -173,7 +171,7 @@ def _end_with_parent() -> None:
     mpiexec does not notice, and its ranks would go on; they do notice the end of mpiexec.
     """
     with suppress(AttributeError):
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
 
 
 def _pass_on(lines: Iterable[str]) -> tuple[bool, dict[str, str]]:

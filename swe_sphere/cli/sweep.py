@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
     from swe_sphere.studies.report import Ranking
 
-RECIPES_ONLY = ("slow", "spin", "name")
-"""Fields of a plan without a flag."""
 NOT_ADVISED = {*RunConfig.model_fields} - {
     *SharedConfig.model_fields, "scene", "ne", "np", "days", "precision", "settings",
 }  # fmt: skip
@@ -39,7 +37,7 @@ REPORT, PAGE = "index.html", "README.md"
 """Pages that are written of sweeps, and of a recipe too."""
 
 
-@with_flags(SweepPlan, argument="scene", without=RECIPES_ONLY)
+@with_flags(SweepPlan, argument="scene", without=("slow", "spin", "name"))
 def sweep(
     out: Path | None = option("DIR", "Folder of the runs; an existing sweep is resumed."),
     recipe: str | None = option("NAME|FILE.toml", "Options from a recipe; flags override them."),

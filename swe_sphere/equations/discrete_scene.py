@@ -18,8 +18,6 @@ from swe_sphere.operators.device_mesh import REALS
 from swe_sphere.operators.penalty import EdgePenaltyOperator
 from swe_sphere.ranks.communicator import Communicator
 
-SHAPES = ("element", "node")
-
 
 class DiscreteScene:
     """The scene, where its nodes are, and its coefficients and fields on the device.
@@ -37,7 +35,7 @@ class DiscreteScene:
         if comm.shared:
             wp.set_device(device)  # which MPI takes to be the rank's own
         shape = shape or ("element" if device == "cpu" else "node")
-        if shape not in SHAPES:
+        if shape not in ("element", "node"):
             raise ConfigError(f"the launch shape is element or node, not {shape!r}")
         self.mesh, self.scene, self.comm = mesh, scene, comm
         self.device, self.shape, self.precision = device, shape, precision

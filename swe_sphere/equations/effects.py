@@ -48,7 +48,7 @@ class Effect:
     excludes: ClassVar[Mapping[str, str]] = {}
     """Names of effects that cannot act beside this one, and what to say then."""
 
-    conserves: ClassVar[frozenset[str]] = frozenset()
+    conserves: ClassVar[frozenset[str]] = MASSES
     """The `MASSES` that the effect conserves: implicit steppers restore the masses that all effects
     of a scene conserve, and leave the others to their solver.  (The mass that forcing adds is
     known: see `Model.mean_source`.)"""
@@ -120,7 +120,6 @@ class MomentumAdvection(Effect):
     """-ζ k×v - ∇|v|²/2: the wind carries itself (vector-invariant form)."""
 
     name = "momentum-advection"
-    conserves = MASSES
     terms = frozenset({"advection"})
     degree = 2
 
@@ -130,7 +129,6 @@ class PressureGradient(Effect):
     """-g ∇(h + b), with b = 0 unless the scene has orography; the flow carries the depth."""
 
     name = "pressure-gradient"
-    conserves = MASSES
     terms = frozenset({"pressure"})
     degree = 2
 
@@ -140,7 +138,6 @@ class Rotation(Effect):
     """-f k×v with the Coriolis parameter f [s-1] given by `Scene.coriolis`."""
 
     name = "rotation"
-    conserves = MASSES
     terms = frozenset({"rotation"})
     needs = "coriolis"
 
@@ -150,7 +147,6 @@ class Orography(Effect):
     """A bottom b [m], given by `Scene.bottom`, below the fluid of depth h."""
 
     name = "orography"
-    conserves = MASSES
     everywhere = frozenset({"bottom"})
     needs = "bottom"
 
@@ -160,7 +156,6 @@ class PrescribedWind(Effect):
     """The wind is given by `Scene.wind`; only the depth h is stepped."""
 
     name = "prescribed-wind"
-    conserves = MASSES
     everywhere = frozenset({"wind"})
     needs = "wind"
     excludes: ClassVar[Mapping[str, str]] = {
@@ -175,7 +170,6 @@ class Forcing(Effect):
     """Prescribed rates of change of wind [m s-2] and depth [m s-1], whatever the state is."""
 
     name = "forcing"
-    conserves = MASSES
     terms = frozenset({"forcing"})
     constant = True
     needs = "forcing"
@@ -189,7 +183,6 @@ class Tracers(Effect):
     """
 
     name = "tracers"
-    conserves = MASSES
     needs = "tracers"
     limiter: bool = False
 
@@ -203,7 +196,6 @@ class Linearised(Effect):
     """
 
     name = "linearised"
-    conserves = MASSES
     everywhere = frozenset({"tangent"})
     needs = "base"
     excludes: ClassVar[Mapping[str, str]] = {
@@ -220,7 +212,6 @@ class Viscosity(Effect):
     """
 
     name = "viscosity"
-    conserves = MASSES
     dissipation = True
     terms = frozenset({"diffusion"})
     strengths = ("nu",)
@@ -249,7 +240,6 @@ class Hyperviscosity(Effect):
     """
 
     name = "hyperviscosity"
-    conserves = MASSES
     dissipation = True
     terms = frozenset({"biharmonic"})
     strengths = ("nu", "factor")
@@ -290,7 +280,6 @@ class EdgePenalty(Effect):
     """
 
     name = "edge-penalty"
-    conserves = MASSES
     dissipation = True
     terms = frozenset({"edge-penalty"})
     excludes: ClassVar[Mapping[str, str]] = {

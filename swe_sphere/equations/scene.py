@@ -4,7 +4,6 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
-from functools import partial
 from itertools import chain
 from numbers import Integral, Real
 from typing import Any, Self, get_type_hints
@@ -164,17 +163,14 @@ class Scene:
         if effect.absent:
             unneeded: dict[str, Any] = {effect.needs: None} if effect.needs else {}
             return replace(self, effects=kept, **unneeded)
-        exact = self.exact
-        if isinstance(effect, PointwiseEffect) and effect not in self.effects:
-            exact = None
+        changes: dict[str, Any] = {"effects": (*kept, effect)}
         if len(kept) < len(self.effects):
-            swapped = tuple(effect if e.name == effect.name else e for e in self.effects)
-            return replace(self, effects=swapped, exact=exact)
-        equilibrium = self.equilibrium
-        if effect.needs == "equilibrium" and equilibrium is None:
-            equilibrium = partial(_initial_depth, self.initial)
-        effects = (*self.effects, effect)
-        return replace(self, effects=effects, equilibrium=equilibrium, exact=exact)
+            changes["effects"] = tuple(effect if e.name == effect.name else e for e in self.effects)
+        elif effect.needs == "equilibrium" and self.equilibrium is None:
+            changes["equilibrium"] = lambda lon, lat: self.initial(lon, lat)[2]
+        if isinstance(effect, PointwiseEffect) and effect not in self.effects:
+            changes["exact"] = None
+        return replace(self, **changes)
 
     def check_answers(self, lon: Array, lat: Array) -> None:
         """ConfigError now, and not when errors are first taken, if what is exact cannot be had."""
@@ -206,10 +202,6 @@ class Scene:
         """The error for an effect that the scene does not have."""
         has = ", ".join(effect.name for effect in self.effects)
         return ConfigError(f"{self.name} has no effect {name!r}; it has {has}")
-
-
-def _initial_depth(initial: State, lon: Array, lat: Array) -> Array:
-    return initial(lon, lat)[2]
 
 
 def apply_settings(scene: Scene, settings: object) -> Scene:

@@ -19,12 +19,6 @@ RETURNS: Mapping[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Return values of the functions of a scene, by name: a tuple of fields, or one field."""
 
-LARGEST = 1e30
-"""Larger numbers are refused: powers of them do not fit into a float64."""
-
-NUMBERS = "fiub"
-"""Kinds of numpy's types that are real numbers, or switches that stand for 0 and 1."""
-
 
 def checked_functions(given: Mapping[str, Any]) -> dict[str, Any]:
     """The functions of a scene by the names of its attributes, each made to check its results.
@@ -114,7 +108,7 @@ def fitted(label: str, original: Any, lon: Array, lat: Array, may_be_nan: bool =
         ConfigError: it is anything but finite real numbers that broadcast to that shape.
     """
     values = np.asanyarray(original)
-    if values.dtype.kind not in NUMBERS:
+    if values.dtype.kind not in "fiub":  # real numbers, or switches that stand for 0 and 1
         kind = type(original).__name__ if values.ndim == 0 else f"an array of {values.dtype}"
         raise ConfigError(f"{label} must be real numbers, not {kind}")
     values = values.astype(np.float64, copy=False)
@@ -127,7 +121,7 @@ def fitted(label: str, original: Any, lon: Array, lat: Array, may_be_nan: bool =
             f"{label} has the shape {values.shape}; it must be an array of shape"
             f" {lon.shape}, like the longitudes given, or a number"
         ) from None
-    sound = np.abs(field) < LARGEST
+    sound = np.abs(field) < 1e30  # powers of larger numbers do not fit into a float64
     if may_be_nan:
         sound |= np.isnan(field)
     if not sound.all():

@@ -18,7 +18,6 @@ from pathlib import Path
 from swe_sphere.errors import ConfigError, RunFailed, SweError
 
 MENDING = "; mend that and run it again: what is finished is kept"
-UNSUPPORTED = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)
 PART, OLD = ".part", ".old"
 """Parts of the names of files and folders that are built, and of folders that are replaced."""
 SHOWN = 40
@@ -196,7 +195,7 @@ def allocate(file: int, path: Path, size: int) -> None:
     try:
         os.posix_fallocate(file, 0, size)
     except OSError as error:
-        if error.errno not in UNSUPPORTED:
+        if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS):
             raise
         if shutil.disk_usage(path.parent).free < size:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from None

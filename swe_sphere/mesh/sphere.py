@@ -7,9 +7,6 @@ from numpy.typing import ArrayLike
 
 from swe_sphere.arrays import Array
 
-POLE_RADIUS = 1e-14
-"""A point nearer to the axis than this [sphere radii] is meant to be at the pole."""
-
 
 def position(lon: ArrayLike, lat: ArrayLike) -> Array:
     """Unit vectors (..., 3) of longitudes and latitudes [rad], broadcast together."""
@@ -37,7 +34,7 @@ def frame(lon: Array, lat: Array) -> tuple[Array, Array]:
 def snap_poles(xyz: Array) -> Array:
     """The unit vectors (..., 3), those within round-off of a pole moved exactly there."""
     snapped = xyz.copy()
-    at_pole = np.hypot(xyz[..., 0], xyz[..., 1]) < POLE_RADIUS
+    at_pole = np.hypot(xyz[..., 0], xyz[..., 1]) < 1e-14
     snapped[at_pole, :2] = 0.0
     snapped[at_pole, 2] = np.sign(xyz[at_pole, 2])
     return snapped

@@ -23,17 +23,8 @@ from swe_sphere.planet import DAY
 if TYPE_CHECKING:
     from cartopy.mpl.geoaxes import GeoAxes
 
-LEVELS, DIVERGING_LEVELS = 14, 8
-"""Largest number of contour lines, approximately."""
 FLAT = 1e-9
 """A field that varies by less than this part of its values is round-off."""
-NEAR, PLATEAU = 0.1, 0.4
-"""A level is not drawn where this share of the map lies nearer to it than so many intervals: its
-contours would follow the ripples of a plateau.  (Of a field spread evenly it is a fiftieth.)"""
-NARROW = 1e-3
-"""A scale whose ends differ by less than this part has room for few numbers: they are long."""
-SEEN = 4e-3
-"""Parts of the bottom's height above its lowest point that get a contour."""
 SUBTITLE, TITLE, CAPTION = 6.0, 20.0, 20.0
 """Distances of the subtitle from the map, of the title from the subtitle, and of the caption from
 the map, which leaves room for the labels of the meridians [points]."""
@@ -55,8 +46,8 @@ def contours(
     values: Array, kind: Field, ends: tuple[float, float], count: int | None = None
 ) -> tuple[Array, float]:
     """Return the levels to draw and the interval between them; about `count` of them if given."""
-    most = count or (DIVERGING_LEVELS if kind.diverging else LEVELS)
-    levels = np.asarray(MaxNLocator(most).tick_values(*ends), dtype=np.float64)
+    most = MaxNLocator(count or (8 if kind.diverging else 14))
+    levels = np.asarray(most.tick_values(*ends), dtype=np.float64)
     interval = float(levels[1] - levels[0])
     found = values[np.isfinite(values)]
     if np.ptp(found) <= 2.0 * FLAT * np.abs(found).max():
@@ -66,10 +57,14 @@ def contours(
 
 
 def drawable(levels: Array, values: Array) -> Array:
-    """Return the levels, evenly spaced, that cut through the field but for plateaus."""
-    near = NEAR * (levels[1] - levels[0])
+    """Return the levels, evenly spaced, that cut through the field but for plateaus.
+
+    Where 40 % of the map lie within a tenth of an interval of a level (of a field that is spread
+    evenly: a fiftieth), its contours would follow the ripples of a plateau.
+    """
+    near = 0.1 * (levels[1] - levels[0])
     inside = levels[(levels > values.min()) & (levels < values.max())]
-    keep = [np.mean(np.abs(values - level) < near) < PLATEAU for level in inside]
+    keep = [np.mean(np.abs(values - level) < near) < 0.4 for level in inside]
     kept: Array = inside[np.array(keep, dtype=bool)]
     return kept
 
@@ -168,7 +163,7 @@ class Drawing:
         low, high = float(bottom.min()), float(bottom.max())
         round_numbers = MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
         levels = drawable(np.asarray(round_numbers), bottom)
-        levels = levels[levels > low + SEEN * (high - low)]
+        levels = levels[levels > low + 4e-3 * (high - low)]
         if levels.size == 0:
             return ""
         for colour, width in (("white", 1.8), ("#5b3a1e", 0.9)):
@@ -186,7 +181,7 @@ def _draw_scale(axes: GeoAxes, image: AxesImage, kind: Field) -> None:
         image, ax=axes, orientation="horizontal", shrink=0.6, aspect=40, pad=0.07, format=numbers
     )
     ends = np.array(image.get_clim(), dtype=float)
-    if np.ptp(ends) < NARROW * np.abs(ends).max():
+    if np.ptp(ends) < 1e-3 * np.abs(ends).max():  # few numbers fit: they are long
         bar.locator = MaxNLocator(4)
     bar.outline.set_linewidth(0.5)
     bar.ax.tick_params(labelsize=9, width=0.5)

@@ -24,10 +24,6 @@ PROJECTIONS = (
 """Names of the projections."""
 POLAR = PROJECTIONS[-2:]
 """Names of the stereographic projections."""
-LOWEST = 60.0
-"""A polar map reaches at most to this latitude of the other hemisphere [degrees]."""
-DARKEST = 0.72
-"""Fraction of a sequential colour map that is used: its dark end would hide contour lines."""
 
 
 def _numbers(*counts: int) -> Callable[[Any], Any]:
@@ -95,7 +91,7 @@ class Look(BaseModel):
             )
         if self.projection == "orthographic":
             raise ConfigError("the orthographic globe takes a centre and no region")
-        if self.projection in POLAR and self.lowest < -LOWEST:
+        if self.projection in POLAR and self.lowest < -60.0:
             raise ConfigError("a polar map reaches to 60 degrees beyond the equator at most")
         return self
 
@@ -121,7 +117,8 @@ class Look(BaseModel):
             colours: Colormap = cm.cmaps[kind.colours]
             if kind.diverging:
                 return colours
-            return ListedColormap(colours(np.linspace(0.0, DARKEST, 256)), kind.colours)
+            # without the dark end, which would hide contour lines
+            return ListedColormap(colours(np.linspace(0.0, 0.72, 256)), kind.colours)
         own = f"cmc.{self.colours}"  # the prefix under which cmcrameri registers its maps
         name = own if own in mpl.colormaps else self.colours
         if name not in mpl.colormaps:

@@ -27,18 +27,12 @@ if TYPE_CHECKING:
     from cartopy.mpl.geoaxes import GeoAxes
     from matplotlib.figure import Figure, SubFigure
 
-ARROWS, SAMPLES = 900, 6400
-"""Approximate number of arrows on a map, and of wind vectors from which streamlines are drawn."""
 LONGEST = 1.2
 """Length of the longest arrow, in units of the spacing of the arrows."""
-CALM = 0.02
-"""Arrows are omitted where the wind is weaker than this fraction of the strongest wind."""
 APART = (60.0, 30.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05)
 """Spacings of the meridians [degrees]: the widest that gives four of them is drawn."""
 GLOBE = crs.Globe(ellipse=None, semimajor_axis=EARTH.radius, semiminor_axis=EARTH.radius)
 """Globe of all maps: cartopy's own is an ellipsoid."""
-STEP = 1e-4
-"""Distance [rad] over which directions on a map are measured."""
 
 
 class MapGrid(NamedTuple):
@@ -161,7 +155,7 @@ def draw_winds(axes: GeoAxes, mesh: Mesh, fields: dict[str, Array], how: str) ->
 
     fields: u and v (N,) [m s-1] at the nodes.  how: "arrows" or "streamlines".
     """
-    count = ARROWS if how == "arrows" else SAMPLES
+    count = 900 if how == "arrows" else 6400
     grid = grid_of(axes, max(2, round(math.sqrt(count * aspect(axes)))))
     flat = evaluate(Interpolator(mesh, grid.lon.ravel(), grid.lat.ravel()), fields, "wind")
     u, v = flat.reshape(2, *grid.x.shape)
@@ -174,7 +168,7 @@ def draw_winds(axes: GeoAxes, mesh: Mesh, fields: dict[str, Array], how: str) ->
     if how == "arrows":
         apart = float(grid.x[0, 1] - grid.x[0, 0])
         same = np.abs(there - np.stack([grid.x, grid.y], axis=-1)).max(axis=-1) < 1e-3 * apart
-        shown = same & (speed > CALM * strongest) & np.isfinite(along)
+        shown = same & (speed > 0.02 * strongest) & np.isfinite(along)
         axes.quiver(
             grid.x[shown], grid.y[shown], along[shown], up[shown], units="width", width=0.0011,
             headwidth=4.0, color="0.1", zorder=4, scale_units="xy", pivot="mid", angles="xy",
@@ -193,12 +187,12 @@ def draw_winds(axes: GeoAxes, mesh: Mesh, fields: dict[str, Array], how: str) ->
 def _direction(axes: GeoAxes, grid: MapGrid, u: Array, v: Array) -> tuple[Array, Array]:
     """Places of the points, and unit vectors (..., 2) along the wind there, on a map.
 
-    Directions are measured forwards or backwards, whichever does not leave the map or cross its
-    seam.
+    Directions are measured over 1e-4 rad, forwards or backwards, whichever does not leave the map
+    or cross its seam.
     """
     xyz, (east, north) = position(grid.lon, grid.lat), frame(grid.lon, grid.lat)
     wind = u[..., None] * east + v[..., None] * north
-    step = STEP * wind / np.maximum(np.linalg.norm(wind, axis=-1, keepdims=True), 1e-300)
+    step = 1e-4 * wind / np.maximum(np.linalg.norm(wind, axis=-1, keepdims=True), 1e-300)
     here = place(axes, grid.lon, grid.lat)
     moves = [
         sign * (place(axes, *longitude_latitude(xyz + sign * step)) - here) for sign in (1.0, -1.0)

@@ -25,8 +25,6 @@ CONSERVED = {
     "enstrophy_drift": "potential enstrophy",
     "angular_momentum_drift": "angular momentum",
 }
-ROUND_OFF = 2.0**-53
-"""Relative drifts below this, zero among them, are drawn here."""
 
 
 class Panel(NamedTuple):
@@ -45,8 +43,8 @@ def panels(run: RunFile) -> list[Panel]:
     times, series = run.series()
     later = np.where(times > 0.0, 1.0, np.nan)
     errors = {label: series[name] for name, label in ERRORS.items() if name in series}
-    drifts = {
-        label: later * np.maximum(np.abs(series[name]), ROUND_OFF)
+    drifts = {  # those below round-off, zero among them, are drawn there
+        label: later * np.maximum(np.abs(series[name]), 2.0**-53)
         for name, label in CONSERVED.items()
         if name in series
     }

@@ -185,10 +185,6 @@ def _film_writer(out: Path, rate: Any) -> PillowWriter | FFMpegWriter:
     return FFMpegWriter(fps=rate, codec="h264", extra_args=["-crf", "18"])
 
 
-WIDEST, LINES_BESIDE = 160, 3
-"""Largest number of columns; lines of the terminal left for the caption and the prompt."""
-
-
 class LivePicture:
     """Draws a field over the picture before; a map of longitude by latitude, two rows a line.
 
@@ -235,7 +231,8 @@ class LivePicture:
 
     def _grid(self) -> MapGrid:
         """Return a map of longitude by latitude with an even number of rows."""
-        width, height = min(self._console.width, WIDEST), self._console.height - LINES_BESIDE
+        # three lines are left for the caption and the prompt
+        width, height = min(self._console.width, 160), self._console.height - 3
         rows = max(2 * (min((width + 1) // 2, 2 * height) // 2), 4)
         lon, lat = np.meshgrid(
             np.linspace(-np.pi, np.pi, 2 * rows - 1), np.linspace(-0.5 * np.pi, 0.5 * np.pi, rows)

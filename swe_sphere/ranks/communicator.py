@@ -35,15 +35,6 @@ NAMED, RANK = "SWE_SPHERE_NAMED_RANKS", "swe-sphere rank: "
 """Variable with which our launcher has each rank print its number and process, and its prefix."""
 PATIENCE = 4.0
 """Seconds that a failing rank waits for the others to fail too."""
-HEARD = 0.2
-"""Seconds that mpiexec has to print a last line before it ends all ranks."""
-BRIEFLY = 0.001
-"""Seconds during which a waiting rank polls MPI without sleeping."""
-NAP = 0.0001
-"""Seconds between later polls.  MPI itself polls without pause and would keep the core from ranks
-that have work to do."""
-WATCH = 1.0
-"""Seconds between checks whether the launcher of a rank still runs."""
 
 Arrays = Mapping[int, Any]
 """Arrays of this rank by the rank that they go to or come from: of numpy, or of Warp on a GPU."""
@@ -69,14 +60,17 @@ class Messages:
 
 
 def _complete(test: Callable[[], bool], patience: float = math.inf) -> bool:
-    """Poll until the test holds, at most `patience` seconds; returns whether it does."""
+    """Poll until the test holds, at most `patience` seconds; returns whether it does.
+
+    MPI itself polls without pause and would keep the core from ranks that have work to do.
+    """
     began = time.monotonic()
     while not test():
         waited = time.monotonic() - began
         if waited > patience:
             return False
-        if waited > BRIEFLY:
-            time.sleep(NAP)
+        if waited > 0.001:
+            time.sleep(0.0001)
         else:
             os.sched_yield()
     return True
@@ -203,7 +197,7 @@ class Communicator:
         """Return where all ranks fail within `PATIENCE`; else print the line and end all ranks."""
         if self.shared and not _complete(self._failures.Ibarrier().Test, PATIENCE):
             sys.stderr.write(f"swe-sphere: rank {self.rank} of {self.size}: {line}\n")
-            time.sleep(HEARD)
+            time.sleep(0.2)  # so that mpiexec prints the line before it ends all ranks
             self._comm.Abort(1)
             time.sleep(10.0 * PATIENCE)  # until mpiexec ends this process
 
@@ -211,7 +205,7 @@ class Communicator:
 def _end_with(parent: int) -> None:
     """End this process when its parent has ended: nothing else ends ranks without a launcher."""
     while os.getppid() == parent:
-        time.sleep(WATCH)
+        time.sleep(1.0)
     os.kill(os.getpid(), signal.SIGKILL)
 
 

@@ -71,13 +71,8 @@ def keep_to_one_thread() -> None:
 def available_memory() -> float | None:
     """Return the memory [bytes] that this process may still occupy; None where it is unknown.
 
-    The machine, its container and the batch job each have a limit.
+    The machine, its container and the batch job (control groups of Linux) each have a limit.
     """
-    return min(_free_memory(), default=None)
-
-
-def _free_memory() -> list[float]:
-    """Return what the machine and each limit of control groups (Linux) leave."""
     free: list[float] = []
     with suppress(OSError, KeyError):
         machine = Path("/proc/meminfo").read_text().splitlines()
@@ -95,4 +90,4 @@ def _free_memory() -> list[float]:
                     lines = (folder / "memory.stat").read_text().splitlines()
                     cached = dict(line.split() for line in lines)
                     free.append(largest - used + float(cached.get("inactive_file", 0)))
-    return free
+    return min(free, default=None)
