@@ -54,7 +54,11 @@ def _summed(coefficients: Complex, lon: Array, lat: Array) -> Array:
         if not used[m]:
             continue
         c, n = coefficients[:, m:, m], np.arange(m, coefficients.shape[1])
-        value, sloped, shifted = _products([c, n * c, _shifted(c, n, m)], q)
+        # of P_n in Σ c_n √((n² - m²) (2n + 1)/(2n - 1)) P_(n-1)
+        lower = np.zeros_like(c)
+        back = np.sqrt((n**2 - m**2) * (2.0 * n + 1.0) / np.abs(2.0 * n - 1.0))
+        lower[:, :-1] = (back * c)[:, 1:]
+        value, sloped, shifted = _products([c, n * c, lower], q)
         wave = np.exp(1j * m * lon)
         value, north = value * wave, (shifted - sine * sloped) * wave
         if m:
@@ -73,14 +77,6 @@ def _products(rows: list[Complex], q: Array) -> Complex:
     both: Array = np.concatenate([left.real, left.imag]) @ q
     product: Complex = both[:3] + 1j * both[3:]
     return product
-
-
-def _shifted(c: Complex, n: NDArray[np.integer], m: int) -> Complex:
-    """The coefficients of P_n in Σ c_n √((n² - m²) (2n + 1)/(2n - 1)) P_(n-1)."""
-    back = np.sqrt((n**2 - m**2) * (2.0 * n + 1.0) / np.abs(2.0 * n - 1.0))
-    shifted = np.zeros_like(c)
-    shifted[:, :-1] = (back * c)[:, 1:]
-    return shifted
 
 
 def _orders(degree: int, lat: Array, wanted: NDArray[np.bool_] | None = None) -> Iterator[Array]:
@@ -249,9 +245,13 @@ def random_streamfunction(
 def mean_kinetic_energy(streamfunction: Complex, radius: float) -> Array:
     """Mean of |v|²/2 over the sphere [m2 s-2], degree by degree."""
     n = np.arange(len(streamfunction))
-    weights = np.where(n == 0, 1.0, 0.5)
-    squares: Array = np.abs(streamfunction) ** 2 @ weights
-    return 0.5 * n * (n + 1) / radius**2 * squares
+    return 0.5 * n * (n + 1) / radius**2 * mean_squares(streamfunction)
+
+
+def mean_squares(coefficients: Complex) -> Array:
+    """Mean of the square of a field over the sphere, degree by degree."""
+    weights = np.where(np.arange(len(coefficients)) == 0, 1.0, 0.5)  # of waves half the amplitude's
+    return np.asarray(np.abs(coefficients) ** 2 @ weights)
 
 
 def inverse_laplacian(coefficients: Complex) -> Complex:

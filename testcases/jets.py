@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from swe_sphere.equations.effects import DYNAMICS, Hyperviscosity, Orography, Relaxation, Rotation
-from swe_sphere.equations.scene import Array, Scene, UnsteadyState
+from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases.flows import ZonalJet, build_scene, solid_body, tilted_latitude, wrapped
@@ -41,9 +41,14 @@ def galewsky(
     """
     if seed < 0:
         raise ConfigError(f"galewsky: seed must not be negative, but is {seed}")
-    flow = _balanced(replace(JET, speed=speed))
+    jet = replace(JET, speed=speed)
     found = random_streamfunction(np.ones_like, 20, noise, EARTH.radius, seed)
     random = BalancedFlow(found, EARTH, 0.0, linear=True)
+
+    def flow(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+        # at 80 m/s the mean depth is 10 km
+        depth = 10158.18617045462 - jet.drop(lat) / EARTH.gravity
+        return jet(lat) + 0.0 * lon, 0.0 * (lon + lat), depth + 0.0 * lon
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
         u, v, depth = flow(lon, lat, 0.0)
@@ -58,17 +63,6 @@ def galewsky(
         initial=initial,
         exact=None if perturbed or seed else flow,
     )
-
-
-def _balanced(jet: ZonalJet) -> UnsteadyState:
-    """Return a jet over the depth in balance with it."""
-
-    def state(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        # at 80 m/s the mean depth is 10 km
-        depth = 10158.18617045462 - jet.drop(lat) / EARTH.gravity
-        return jet(lat) + 0.0 * lon, 0.0 * (lon + lat), depth + 0.0 * lon
-
-    return state
 
 
 def bump(lon: Array, lat: Array) -> Array:
@@ -99,18 +93,12 @@ def relaxed_jet(time: float = 10.0, perturbed: bool = True) -> Scene:
     """
     if not 0.0 < time < np.inf:
         raise ConfigError(f"relaxed-jet: time must be positive and finite, not {time}")
-
-    flow = _balanced(JET)
-
-    def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        u, v, depth = flow(lon, lat, 0.0)
-        return u, v, depth + bump(lon, lat) if perturbed else depth
-
+    steady = galewsky(perturbed=False).initial
     return build_scene(
         "relaxed-jet",
         effects=(*DYNAMICS, Rotation(), Relaxation(time * DAY), Hyperviscosity(factor=30.0)),
-        initial=initial,
-        equilibrium=lambda lon, lat: flow(lon, lat, 0.0)[2],
+        initial=galewsky(perturbed).initial,
+        equilibrium=lambda lon, lat: steady(lon, lat)[2],
     )
 
 

@@ -67,8 +67,7 @@ def is_scene_file(name: str) -> bool:
 def scene_files(name: str) -> list[Path]:
     """The file of a scene that can be loaded, then its base's, and so on; none for a scene by name.
 
-    Raises:
-        OSError: one of them is gone meanwhile.
+    Raises OSError where one of them is gone meanwhile.
     """
     path = Path(name)
     if not is_scene_file(name):
@@ -109,11 +108,9 @@ def list_scenes() -> dict[str, str]:
 
 
 def _load(path: Path, parameters: Mapping[str, Parameter], depth: int = 0) -> Scene:
-    """The scene that the file makes or describes, with these parameters before those of the file.
+    """Return the scene of a file, with these parameters before those of the file.
 
-    Raises:
-        ConfigError: no such file, a file that fails or is no TOML, an unknown key, or what the
-            scene does not have.
+    Raises ConfigError where the file is missing, fails, is no TOML, or does not fit the scene.
     """
     if is_user_file(path):
         factory = getattr(load_file(path, "scene"), "scene", None)
@@ -161,10 +158,9 @@ SceneFactory = Callable[..., Scene]
 
 
 def checked(name: str, factory: SceneFactory, given: Mapping[str, Parameter]) -> dict[str, Any]:
-    """The parameters in the types that the factory's annotations ask for.
+    """Return the parameters in the types that the factory's annotations ask for.
 
-    Raises:
-        ConfigError: a parameter that the factory does not have, or a value that cannot be read.
+    Raises ConfigError for a parameter that it does not have, and a value that cannot be read.
     """
     known = inspect.signature(factory, eval_str=True).parameters
     if any(p.kind is inspect.Parameter.VAR_KEYWORD for p in known.values()):
@@ -178,11 +174,9 @@ def checked(name: str, factory: SceneFactory, given: Mapping[str, Parameter]) ->
 
 
 def made(name: str, factory: SceneFactory, given: Mapping[str, Parameter]) -> Scene:
-    """The scene that the factory makes; it knows its parameters, also those left at defaults.
+    """Return the scene that the factory makes, with all its parameters, those at defaults too.
 
-    Raises:
-        ConfigError: a parameter that the factory does not have, a value that cannot be read, or
-            something else than a scene that it makes.
+    Raises ConfigError as `checked`, and where the factory returns something else than a scene.
     """
     values = checked(name, factory, given)
     scene = factory(**values)

@@ -168,9 +168,7 @@ def _filtered(state: State, latitudes: int, degree: int, balanced: bool) -> Stat
 def _read_analysis(path: Path) -> list[Array]:
     """Return latitudes from south to north and longitudes [rad], and u, v [m s-1] and z [m] there.
 
-    Raises:
-        ConfigError: the file is not there, is no netCDF, is damaged, or is not as described above;
-            one line that says what to change.
+    Raises ConfigError where the file is missing, damaged, no netCDF, or not as described above.
     """
     import netCDF4
 

@@ -31,7 +31,7 @@ from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.operators.sparse import stiffness
 from swe_sphere.planet import Planet
 from swe_sphere.settings.values import convert, validated
-from swe_sphere.testcases.harmonics import Complex, GaussGrid
+from swe_sphere.testcases.harmonics import GaussGrid, mean_squares
 
 if TYPE_CHECKING:
     from cartopy.mpl.geoaxes import GeoAxes
@@ -303,18 +303,12 @@ def spectra(u: Array, v: Array, degree: int, radius: float) -> Array:
     """
     grid = GaussGrid(u.shape[0] - 1)
     enstrophy, divergent = (
-        _power(grid.against_gradients(*flux), degree) / radius**2 for flux in ((v, -u), (u, v))
+        mean_squares(grid.against_gradients(*flux))[: degree + 1] / radius**2
+        for flux in ((v, -u), (u, v))
     )
     n = np.arange(degree + 1.0)
     factor = np.divide(radius**2, n * (n + 1.0), out=np.zeros_like(n), where=n > 0)
     return 0.5 * np.stack([factor * enstrophy, factor * divergent, enstrophy])
-
-
-def _power(coefficients: Complex, degree: int) -> Array:
-    """Mean squares (degree + 1,) of the parts of each degree of a real field."""
-    squares = np.abs(coefficients[: degree + 1]) ** 2
-    squares[:, 1:] *= 0.5  # a wave has half the square of its amplitude
-    return np.asarray(squares.sum(axis=1))
 
 
 def poisson(mesh: Mesh) -> Callable[[Array, Array], Array]:

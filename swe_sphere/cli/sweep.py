@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
+import xarray as xr
 
 from swe_sphere.cli.options import flag, given, option, with_flags
 from swe_sphere.cli.show import print_table
@@ -22,11 +23,10 @@ from swe_sphere.studies.advise import Question
 from swe_sphere.studies.advise import advise as advice_on
 from swe_sphere.studies.pages import MARK
 from swe_sphere.studies.sweep import SweepPlan, SweepWatcher, make_plan, run_plan
+from swe_sphere.studies.sweep.record import HEADER, RUNS, runs_of, write_dataset
 from swe_sphere.studies.sweep.sweep_plan import Recipe, folder_of, load_recipe
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from swe_sphere.studies.report import Ranking
 
 NOT_ADVISED = {*RunConfig.model_fields} - {
@@ -61,7 +61,6 @@ def sweep(
             _show_sweep(dataset)
     from swe_sphere.studies.regimes import write_map  # matplotlib takes its time to import
     from swe_sphere.studies.report import write_report
-    from swe_sphere.studies.sweep.record import write_dataset
 
     for folder in _begun(out) if report_only or loaded else ():
         if folder not in datasets:
@@ -110,8 +109,6 @@ def _planned(
 
 def _begun(out: Path) -> list[Path]:
     """Folders of the sweeps in a folder; of those that have runs, if any has."""
-    from swe_sphere.studies.sweep.record import HEADER, RUNS, runs_of
-
     kept = [path for of in ("", "*/") for name in (HEADER, RUNS) for path in out.glob(of + name)]
     folders = sorted({path.parent for path in kept})
     if not folders:

@@ -68,11 +68,7 @@ class DiscreteScene:
 
     @cached_property
     def edge_penalty(self) -> EdgePenaltyOperator:
-        """The operator of the edge penalty.
-
-        Raises:
-            ConfigError: the fluid is at rest initially and no speed is given.
-        """
+        """The operator; raises ConfigError for a fluid at rest initially without a given speed."""
         effect, mesh = self.scene.effect("edge-penalty"), self.mesh
         assert isinstance(effect, EdgePenalty)
         speed = self.strongest_wind if effect.speed is None else effect.speed

@@ -207,8 +207,7 @@ class Linearised(Effect):
 class Viscosity(Effect):
     """ν ∇² with the coefficient `nu` [m2 s-1] on the prognostic fields.
 
-    Raises:
-        ConfigError: `nu` is negative or not finite.
+    Raises ConfigError where `nu` is negative or not finite.
     """
 
     name = "viscosity"
@@ -380,8 +379,7 @@ class PointwiseEffect(Effect):
 class Drag(PointwiseEffect):
     """-(linear + quadratic |v|) v on the wind, with `linear` [s-1] and `quadratic` [m-1].
 
-    Raises:
-        ConfigError: a coefficient is negative or not finite.
+    Raises ConfigError where a coefficient is negative or not finite.
     """
 
     name = "drag"
@@ -447,10 +445,7 @@ class Relaxation(PointwiseEffect):
     """-(h - h_eq) / time on the depth, `time` in [s], with h_eq [m] from `Scene.equilibrium`.
 
     Newtonian cooling in a shallow layer.  Switched on for a scene that has no equilibrium, it pulls
-    depth back to what it was at the start.
-
-    Raises:
-        ConfigError: `time` is not positive.
+    depth back to what it was at the start.  Raises ConfigError where `time` is not positive.
     """
 
     name = "relaxation"

@@ -181,10 +181,8 @@ class Scene:
     def without_effect(self, name: str) -> Self:
         """The scene without the effect of that name and the function that it needs.
 
-        What was exact with one of the scene's own effects is not exact without it.
-
-        Raises:
-            ConfigError: the scene does not have the effect.
+        What was exact with one of the scene's own effects is not exact without it.  Raises
+        ConfigError where the scene does not have the effect.
         """
         effect = self.effect(name)
         if effect is None:
@@ -218,10 +216,8 @@ def with_parameters(scene: Scene, effects: Mapping[str, Mapping[str, object]]) -
     """The scene with these parameters of its effects; text is read as a value.
 
     Dissipation may be switched on (and, by zero, off) for any scene; the parameters of other
-    effects can be changed only where the scene has the effect.
-
-    Raises:
-        ConfigError: a value that cannot be read, or a name of what is not there.
+    effects can be changed only where the scene has the effect.  Raises ConfigError for a value that
+    cannot be read, and for an unknown name.
     """
     for name, values in effects.items():
         scene = scene.with_effect(_configured(scene, name, values))

@@ -23,10 +23,7 @@ RETURNS: Mapping[str, tuple[str, ...]] = {
 def checked_functions(given: Mapping[str, Any]) -> dict[str, Any]:
     """The functions of a scene by the names of its attributes, each made to check its results.
 
-    given: the attributes of the scene by name.
-
-    Raises:
-        ConfigError: what should be a function is none.
+    given: the attributes of the scene by name.  Raises ConfigError for one that is no function.
     """
     scene, tracers, exact = given["name"], given["tracers"], given["exact_tracers"]
     functions: dict[str, Any] = {
@@ -102,10 +99,9 @@ class _Function:
 
 
 def fitted(label: str, original: Any, lon: Array, lat: Array, may_be_nan: bool = False) -> Array:
-    """The values as a float64 array of the shape of lon and lat.
+    """Return the values as a float64 array of the shape of lon and lat.
 
-    Raises:
-        ConfigError: it is anything but finite real numbers that broadcast to that shape.
+    Raises ConfigError for anything but finite real numbers that broadcast to that shape.
     """
     values = np.asanyarray(original)
     if values.dtype.kind not in "fiub":  # real numbers, or switches that stand for 0 and 1

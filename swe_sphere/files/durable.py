@@ -104,10 +104,8 @@ def claim(path: Path, folder: bool = False) -> tuple[int, Path]:
     It is locked while its descriptor is open, also after it is renamed.  Temporary files of a
     program that was killed are removed.  Returns the descriptor and the name.
 
-    Raises:
-        ConfigError: another program writes the path, it is of another kind, or a program was killed
-            as it replaced it.
-        OSError: the file or folder cannot be created.
+    Raises ConfigError where another program writes the path, it is of another kind, or a program
+    was killed as it replaced it; OSError where the file or folder cannot be created.
     """
     check_moved(path)
     if path.exists():

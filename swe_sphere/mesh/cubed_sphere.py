@@ -109,14 +109,6 @@ def _number_nodes(
     return number[inverse].reshape(code.shape), triples.reshape(-1, 3)[earliest[order]]
 
 
-def contributors(nodes: Int32, size: int) -> tuple[Int32, Int32]:
-    """CSR list of the flat element-node indices of each node: offsets (size+1,), entries."""
-    flat = nodes.ravel()
-    counts = np.bincount(flat, minlength=size)
-    offsets = np.concatenate(([0], np.cumsum(counts))).astype(np.int32)
-    return offsets, np.argsort(flat, kind="stable").astype(np.int32)
-
-
 def locate(xyz: Array, ne: int) -> tuple[NDArray[np.int64], Array, Array]:
     """Element number (T,) and xi1, xi2 in [-1, 1] (T,) of unit vectors (T, 3) of the plain cube."""
     outward = xyz @ FACES[:, 0].T

@@ -199,8 +199,10 @@ def _assemble(ne: int, np_: int, radius: float, placement: Placement) -> Mesh:
     basis = radius * np.stack(along, axis=-1)
     jacobian = basis[..., 0, 0] * basis[..., 1, 1] - basis[..., 0, 1] * basis[..., 1, 0]
     local = jacobian * weights[:, None] * weights
-    area = np.bincount(nodes.ravel(), weights=local.ravel()).astype(np.float64)
-    offsets, entries = cubed_sphere.contributors(nodes, len(xyz))
+    flat = nodes.ravel()
+    area = np.bincount(flat, weights=local.ravel()).astype(np.float64)
+    offsets = np.concatenate(([0], np.cumsum(np.bincount(flat)))).astype(np.int32)
+    entries = np.argsort(flat, kind="stable").astype(np.int32)
     return Mesh(
         ne, np_, radius, placement.stretch, placement.centre, placement.spin,
         points, weights, gll.derivative_matrix(points), xyz, lon, lat, east, north,

@@ -1,12 +1,10 @@
 """A field on a map, with contours that draw no noise, its scale, title and caption."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from cartopy.crs import Stereographic
+from cartopy.mpl.geoaxes import GeoAxes
 from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
@@ -19,9 +17,6 @@ from swe_sphere.io.scalar_fields import Field, describe, evaluate
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.maps import MapGrid, draw_graticule, draw_mesh, draw_winds
 from swe_sphere.planet import DAY
-
-if TYPE_CHECKING:
-    from cartopy.mpl.geoaxes import GeoAxes
 
 FLAT = 1e-9
 """A field that varies by less than this part of its values is round-off."""

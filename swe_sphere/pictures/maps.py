@@ -3,16 +3,16 @@
 Nothing is downloaded: coasts and other features of the Earth are left to the caller.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import cartopy.crs as crs
 import numpy as np
+from cartopy.mpl.geoaxes import GeoAxes
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure, SubFigure
 from scipy.ndimage import distance_transform_edt
 from shapely import LinearRing, Polygon, contains_xy
 
@@ -22,10 +22,6 @@ from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.mesh.sphere import frame, longitude_latitude, position
 from swe_sphere.pictures.look import POLAR, Look
 from swe_sphere.planet import EARTH
-
-if TYPE_CHECKING:
-    from cartopy.mpl.geoaxes import GeoAxes
-    from matplotlib.figure import Figure, SubFigure
 
 LONGEST = 1.2
 """Length of the longest arrow, in units of the spacing of the arrows."""

@@ -1,15 +1,14 @@
 """A field of a run on the globe: pictures of files and states, films, and in the terminal."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable
 from pathlib import Path
 from subprocess import CalledProcessError
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from cartopy.mpl.geoaxes import GeoAxes
 from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -27,9 +26,6 @@ from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.maps import MapGrid, aspect, grid_of, new_map
 from swe_sphere.pictures.panels import draw_panel, panels
 from swe_sphere.planet import DAY
-
-if TYPE_CHECKING:
-    from cartopy.mpl.geoaxes import GeoAxes
 
 ROWS, FILM_ROWS = 361, 181
 """Latitudes of the grid a field is evaluated on: every half degree, of films every degree."""
@@ -110,8 +106,6 @@ def draw_state(
 
     Raises ConfigError for a field that is missing, and for axes that are not of cartopy.
     """
-    from cartopy.mpl.geoaxes import GeoAxes
-
     look, field = look or Look(), check_field(field or default_field(state), state.fields)
     if ax is None:
         from matplotlib import pyplot

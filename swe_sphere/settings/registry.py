@@ -59,9 +59,8 @@ class Registry(UserDict[str, type[T]]):
     def find(self, which: str | Path | type[T]) -> type[T]:
         """Return the class of that name or alias, the one in that Python file, or the class itself.
 
-        Raises:
-            ConfigError: there is none of that name (the nearest is named), the file fails or does
-                not define exactly one, or the class lacks methods.
+        Raises ConfigError where there is none of that name (the nearest is named), the file fails
+        or does not define exactly one, or the class lacks methods.
         """
         if isinstance(which, type):
             found = which
