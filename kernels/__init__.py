@@ -5,11 +5,4 @@ from swe_sphere.kernels.local import tendency_kernels
 from swe_sphere.kernels.terms import Terms
 from swe_sphere.kernels.vectors import combine_kernel
 
-__all__ = [
-    "Register",
-    "Terms",
-    "combine_kernel",
-    "lanes_of",
-    "specialise",
-    "tendency_kernels",
-]
+__all__ = ["Register", "Terms", "combine_kernel", "lanes_of", "specialise", "tendency_kernels"]

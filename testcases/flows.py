@@ -81,9 +81,7 @@ def cone(lon: Array, lat: Array) -> Array:
 
 
 def zonal_balance(
-    wind: Callable[[Array], Array],
-    south: float = -np.pi / 2.0,
-    north: float = np.pi / 2.0,
+    wind: Callable[[Array], Array], south: float = -np.pi / 2.0, north: float = np.pi / 2.0
 ) -> Callable[[Array], Array]:
     """Return the fall of g h [m2 s-2], from the south pole to a latitude, that balances a wind.
 

@@ -30,7 +30,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, ValidationError
+from pydantic import BaseModel, Field, PositiveFloat, PositiveInt, ValidationError
 
 from swe_sphere.equations.scene import Parameter, Scene, with_parameters
 from swe_sphere.errors import ConfigError, shown, unknown_name
@@ -44,10 +44,8 @@ DEPTH = 8
 Value = bool | Annotated[int, Field(ge=-(2**63), lt=2**63)] | float | str
 
 
-class _File(BaseModel):
+class _File(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False, strict=True):
     """Schema of the file."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
     base: str
     name: str | None = None

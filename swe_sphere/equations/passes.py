@@ -137,14 +137,9 @@ class Passes:
             done = step if self._direct else out
             local = self._local_wind
             mesh.sweep(self._model.launch, local)(
-                self._force,
-                mesh.threads(),
-                0,
-                self._force_geometry,
-                self.pushed,
-                local.values,
+                self._force, mesh.threads(), 0, self._force_geometry, self.pushed, local.values,
                 done,
-            )
+            )  # fmt: skip
         for sum_wind in self._wind_sums:
             sum_wind(self._node_geometry, mesh.places(2), mesh.lanes, self._local_wind.flat, step)
 

@@ -3,31 +3,26 @@
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field, PositiveFloat
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.layout import MESH_ATTRIBUTES
 from swe_sphere.mesh import Mesh
 from swe_sphere.settings.values import validated
 
-Positive = Annotated[float, Field(gt=0.0)]
 Count = Annotated[int, Field(ge=0, lt=2**53)]
 
 
-class _Read(BaseModel):
-    model_config = ConfigDict(strict=True, allow_inf_nan=False)
-
-
-class RunAttributes(_Read):
+class RunAttributes(BaseModel, strict=True, allow_inf_nan=False):
     """Attributes of a run that are read again, where it has them; further ones may be anything."""
 
     ne: Count = 1
     np: Count = 3
-    radius: Positive = 1.0
-    stretch: Positive = 1.0
+    radius: PositiveFloat = 1.0
+    stretch: PositiveFloat = 1.0
     centre: Annotated[list[float], Field(min_length=2, max_length=2)] = [0.0, 0.0]
     spin: float = 0.0
-    dt: Positive = 1.0
+    dt: PositiveFloat = 1.0
     steps_at_once: Annotated[Count, Field(ge=1)] = 1
     start_step: Count = 0
     scene: str = ""
@@ -41,7 +36,7 @@ class RunAttributes(_Read):
     plot_field: str = ""
 
 
-class CheckpointHeader(_Read):
+class CheckpointHeader(BaseModel, strict=True, allow_inf_nan=False):
     """Header of a checkpoint; further entries are refused where the checkpoint is built."""
 
     time: Annotated[float, Field(ge=0.0)]

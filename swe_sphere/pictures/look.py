@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, Field, model_validator
 
 from swe_sphere.errors import ConfigError, unknown_name
 
@@ -41,12 +41,10 @@ def _numbers(*counts: int) -> Callable[[Any], Any]:
     return read
 
 
-class Look(BaseModel):
+class Look(
+    BaseModel, frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
+):
     """Projection, region and colours of a map, and what is drawn over the field."""
-
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
-    )
 
     projection: str = "equal-earth"
     """equal-earth (the default), robinson, lat-lon, orthographic, north-polar, south-polar."""
