@@ -58,7 +58,9 @@ def _summed(coefficients: Complex, lon: Array, lat: Array) -> Array:
         lower = np.zeros_like(c)
         back = np.sqrt((n**2 - m**2) * (2.0 * n + 1.0) / np.abs(2.0 * n - 1.0))
         lower[:, :-1] = (back * c)[:, 1:]
-        value, sloped, shifted = _products([c, n * c, lower], q)
+        left = np.stack([c, n * c, lower])
+        products = np.concatenate([left.real, left.imag]) @ q  # without a complex copy of q
+        value, sloped, shifted = products[:3] + 1j * products[3:]
         wave = np.exp(1j * m * lon)
         value, north = value * wave, (shifted - sine * sloped) * wave
         if m:
@@ -69,14 +71,6 @@ def _summed(coefficients: Complex, lon: Array, lat: Array) -> Array:
             first = np.sqrt(n * (n + 1.0)) * coefficients[:, 1:, 0]
             total[2] += cos * (first.real @ q)
     return total
-
-
-def _products(rows: list[Complex], q: Array) -> Complex:
-    """Complex (3, k, n) times real (n, points), without a complex copy of the latter."""
-    left = np.stack(rows)
-    both: Array = np.concatenate([left.real, left.imag]) @ q
-    product: Complex = both[:3] + 1j * both[3:]
-    return product
 
 
 def _orders(degree: int, lat: Array, wanted: NDArray[np.bool_] | None = None) -> Iterator[Array]:

@@ -117,7 +117,7 @@ def _hessenberg(product: Product, basis: NDArray[np.float32]) -> Array:
 def _scaled_product(
     model: DiscreteScene, state: wp.array, operator: Operator, reach: float
 ) -> Product:
-    """J d with depth in units of the wind, h sqrt(g/H), so that waves have equal parts of both.
+    """Return J d with depth as h sqrt(g/H), H its mean: waves have equal parts of wind and depth.
 
     Of several ranks each works on its own nodes, and gets all of the product.
     """
@@ -125,7 +125,10 @@ def _scaled_product(
     fluid = state[: model.fluid_size]
     base = fluid.numpy().astype(np.float64)
     scale = np.ones(base.size)
-    scale[-mesh.size :] = _unit_of_depth(model, fluid)
+    if model.scene.wind is None:  # else the depth is alone
+        depth = mesh.collect(fluid[-mesh.size :]).astype(np.float64)
+        mean = np.average(depth, weights=model.mesh.area)
+        scale[-mesh.size :] = np.sqrt(mean / model.scene.planet.gravity)
     size = reach * (mesh.comm.of_each(np.abs(base / scale).max()).max() or 1.0)
     moved, plus, minus = (model.zeros(model.fluid_size) for _ in range(3))
     room = np.empty(base.size)
@@ -144,12 +147,3 @@ def _scaled_product(
         return mesh.collect(difference)
 
     return product
-
-
-def _unit_of_depth(model: DiscreteScene, fluid: wp.array) -> float:
-    """sqrt(H/g) with H the mean depth, where wind is stepped too; else 1."""
-    if model.scene.wind is not None:
-        return 1.0
-    depth = model.device_mesh.collect(fluid[-model.device_mesh.size :])
-    mean = np.average(depth.astype(np.float64), weights=model.mesh.area)
-    return float(np.sqrt(mean / model.scene.planet.gravity))

@@ -88,12 +88,10 @@ Count = Annotated[
 ]
 
 
-class SharedConfig(BaseModel):
+class SharedConfig(
+    BaseModel, frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
+):
     """Settings that all runs of a study share: refined and rotated mesh, machine."""
-
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
-    )
 
     stretch: Number = 1.0
     """Schmidt refinement: factor by which the mesh is refined at the centre."""

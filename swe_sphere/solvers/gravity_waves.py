@@ -33,7 +33,6 @@ its reference, explicit waves grow sooner than where it is shallower (docs/imex_
 INERTIAL = 1.25
 """How much more explicit inertial waves limit steps than advection of the same frequency: by
 measurement on meshes so coarse that they do (docs/imex_steps.md)."""
-MOST_ITERATIONS = 200
 
 
 def reference_depth(model: Model) -> Array:
@@ -251,7 +250,7 @@ class GravityWaves:
         self.operator.collect(h, self._h)
         result = self._krylov.solve(
             self._system, self._b, self._h, self._precondition, tolerance,
-            max_iterations=MOST_ITERATIONS,
+            max_iterations=200,
         )  # fmt: skip
         self.space.match_mean(self._b, self._h, self._ones)
         self.operator.spread(self._h, h)

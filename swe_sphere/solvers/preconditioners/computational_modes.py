@@ -30,7 +30,9 @@ def coarse_spaces(mesh: Mesh) -> list[ElementSpace]:
     corners, where three elements meet, they cannot be told apart: there the third space takes both
     and the fourth has no function (V - 8 in all).
     """
-    vertices = _vertex_numbers(mesh)
+    ends = np.array(CORNERS) * (mesh.np - 1)
+    _, number = np.unique(mesh.nodes[:, ends[:, 0], ends[:, 1]], return_inverse=True)
+    vertices = number.reshape(mesh.elements, 4).astype(np.int32)
     hat = 0.5 * (1.0 - mesh.gll_points)
     pattern = hat * legendre.legval(-mesh.gll_points, np.eye(mesh.np)[-1])
     along_either = np.concatenate([_products(pattern, hat), _products(hat, pattern)], axis=1)
@@ -64,13 +66,6 @@ def smooth_functions(mesh: Mesh) -> ElementSpace:
     corners = mesh.nodes[:, kept][:, :, kept].reshape(mesh.elements, -1)
     _, number = np.unique(corners, return_inverse=True)
     return ElementSpace(values, number.reshape(corners.shape).astype(np.int32))
-
-
-def _vertex_numbers(mesh: Mesh) -> Int:
-    """(E, 4) vertex number of each element's corners, in the order of CORNERS."""
-    ends = np.array(CORNERS) * (mesh.np - 1)
-    _, number = np.unique(mesh.nodes[:, ends[:, 0], ends[:, 1]], return_inverse=True)
-    return number.reshape(mesh.elements, 4).astype(np.int32)
 
 
 def _products(along_1: Array, along_2: Array) -> Array:
