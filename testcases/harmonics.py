@@ -274,8 +274,7 @@ def turbulence(
         wavenumber: n0, the degree of the energy's peak; 2 to 40.
         seed: of the random phases; the same flow on every mesh.
 
-    Raises:
-        ConfigError: a parameter out of range, or a wind too strong to be balanced by 10 km.
+    Raises ConfigError for a parameter out of range, and for a wind that 10 km cannot balance.
     """
     if not 2 <= wavenumber <= 40:
         raise ConfigError(f"turbulence: wavenumber must be 2 to 40, not {wavenumber}")

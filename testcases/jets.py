@@ -88,8 +88,7 @@ def relaxed_jet(time: float = 10.0, perturbed: bool = True) -> Scene:
         time: τ [days].
         perturbed: with the bump. Without it the jet is steady (exact, but for hyperviscosity).
 
-    Raises:
-        ConfigError: a time that is not positive.
+    Raises ConfigError for a time that is not positive.
     """
     if not 0.0 < time < np.inf:
         raise ConfigError(f"relaxed-jet: time must be positive and finite, not {time}")
@@ -158,8 +157,7 @@ def tilted_jet(alpha: float = 0.08, speed: float = 40.0, gaussian: bool = False)
         speed: Largest wind of the jet [m s-1].
         gaussian: Whether F is a Gaussian about 45°N; otherwise it is proportional to S².
 
-    Raises:
-        ConfigError: the depth is not positive everywhere.
+    Raises ConfigError where the depth is not positive everywhere.
     """
 
     def jet(s: Array) -> Array:

@@ -115,8 +115,7 @@ def dam_break(width: float = 0.05) -> Scene:
     Args:
         width: of the smoothed dam [rad]; it should not be less than half an element.
 
-    Raises:
-        ConfigError: a width that is not positive.
+    Raises ConfigError for a width that is not positive.
     """
     if not width > 0.0:
         raise ConfigError(f"dam-break: width must be positive, not {width}")

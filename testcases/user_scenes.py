@@ -84,8 +84,7 @@ def get_scene(name: str, **parameters: Parameter) -> Scene:
             that of a .toml file (see `swe_sphere.testcases.user_scenes`).
         parameters: numbers, switches and words, or text that can be read as such.
 
-    Raises:
-        ConfigError: unknown name or parameter, a value that cannot be read, a file that fails.
+    Raises ConfigError for an unknown name or parameter, an unreadable value, a file that fails.
     """
     if is_scene_file(name):
         return _load(Path(name), parameters)

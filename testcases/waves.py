@@ -60,8 +60,7 @@ def tide(
         linear: equations linearised about rest; else the full ones, which differ by about
             elevation over depth.
 
-    Raises:
-        ConfigError: a depth out of range.
+    Raises ConfigError for a depth out of range.
     """
     if not 1e3 <= depth <= 1e6:
         raise ConfigError(f"tide: depth must be 1000 m to 1e6 m, not {depth}")
@@ -202,8 +201,7 @@ def slow_ocean(m: int = 4, n: int = 10, speed: float = 0.1, linear: bool = False
         speed: of the strongest current [m s-1].
         linear: equations linearised about rest, for which the wave is exact.
 
-    Raises:
-        ConfigError: a wave that there is not, or a speed that is not positive.
+    Raises ConfigError for a wave that does not exist, and for a speed that is not positive.
     """
     if not 1 <= m <= n <= m + 12:  # so that the series of the wave is right to round-off
         raise ConfigError(f"slow-ocean: m must be at least 1 and n m to m + 12, not {m} and {n}")
@@ -254,8 +252,7 @@ def hough(
         amplitude: Root mean square of the wind [m s-1].
         linear: Whether the equations are linearised about rest, so that the mode is exact.
 
-    Raises:
-        ConfigError: no such mode, or a depth that is not positive.
+    Raises ConfigError for a mode that does not exist, and for a depth that is not positive.
     """
     if k < 1 or not 1 <= n <= FUNCTIONS // 4 or (wave == "kelvin" and n != 1):
         raise ConfigError(
@@ -328,8 +325,7 @@ def matsuno(
         linear: equations linearised about rest; else the full ones, for which the amplitude must
             be tiny. Depth and wave together need float64 then.
 
-    Raises:
-        ConfigError: a mode that there is not.
+    Raises ConfigError for a mode that does not exist.
     """
     if k < 1 or n < 1:
         raise ConfigError(f"matsuno: k and n must be at least 1, not {k} and {n}")

@@ -69,8 +69,7 @@ def williamson7(
             the nonlinear balance equation in the place of the file's.
         seed: of the random phases of the synthetic state.
 
-    Raises:
-        ConfigError: a file that is not as it must be.
+    Raises ConfigError for a file that does not hold what it must.
     """
     if file is None:
         if seed < 0:

@@ -64,8 +64,7 @@ def open_run(path: str | os.PathLike[str], chunks: Mapping[str, int] | None = No
         >>> run.swe.to_latlon(19, 36).h.shape
         (5, 19, 36)
 
-    Raises:
-        ConfigError: the file is missing, damaged or of another kind.
+    Raises ConfigError where the file is missing, damaged or of another kind.
     """
     found = RunFile(path).attributes
     raw: dict[str, Any] = {"decode_times": False, "mask_and_scale": False}  # whole numbers stay so

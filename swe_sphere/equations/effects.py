@@ -234,8 +234,7 @@ class Hyperviscosity(Effect):
             say "default" for None.
         factor: Multiple of the default coefficient; 30 is the rule of CAM-SE.
 
-    Raises:
-        ConfigError: `nu` or `factor` is negative or not finite.
+    Raises ConfigError where `nu` or `factor` is negative or not finite.
     """
 
     name = "hyperviscosity"
@@ -274,8 +273,7 @@ class EdgePenalty(Effect):
             grow in flows across the edges of the cube's faces. Users say "default" for it.
         speed: Wind speed [m s-1]; by default the largest of the initial wind, or of the base.
 
-    Raises:
-        ConfigError: `c` or `speed` is negative or not finite.
+    Raises ConfigError where `c` or `speed` is negative or not finite.
     """
 
     name = "edge-penalty"

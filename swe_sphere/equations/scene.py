@@ -72,9 +72,8 @@ class Scene:
         >>> abs(Simulation(drop, ne=3).run(days=0.25)["mass_drift"]) < 1e-14
         True
 
-    Raises:
-        ConfigError: the functions do not go with the effects, a value is of the wrong type, or a
-            number is out of range.
+    Raises ConfigError where the functions do not go with the effects, a value is of the wrong
+    type, or a number is out of range.
     """
 
     name: str

@@ -69,7 +69,8 @@ class Reference(Source):
             self.attributes = in_python(data.attrs)
             self.lat, self.lon = (np.radians(data[x].values.astype(float)) for x in ("lat", "lon"))
             self._has_frames = "time" in data.variables
-            self.times = data["time"].values if self._has_frames else _titled(self.title)
+            days = re.findall(r"day (\d+(?:\.\d+)?)", self.title)[:1]
+            self.times = data["time"].values if self._has_frames else DAY * np.array(days, float)
             """Times [s since the start]; none where neither file nor title states one."""
             self.fields = _fields(self.path, data, -1)
             """Fields of the reference, or of the last time."""
@@ -128,11 +129,6 @@ class Spline:
     def wind(self, u: Array, v: Array) -> tuple[Array, Array]:
         """Return both components at the points."""
         return self(u, -1.0), self(v, -1.0)
-
-
-def _titled(title: str) -> Array:
-    """Return the time [s] in the title of a reference; none where it states none."""
-    return np.array([float(day) * DAY for day in re.findall(r"day (\d+(?:\.\d+)?)", title)[:1]])
 
 
 def _fields(path: Path, data: xr.Dataset, index: int) -> dict[str, Array]:

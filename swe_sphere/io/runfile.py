@@ -28,8 +28,6 @@ from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.settings.values import place_and_complaint
 
-FRAME = ("time", "node")
-"""Dimensions of the fields of frames."""
 FINITE = (*VARIABLES["frames"], "b", "surface")
 """Fields without missing values, as are mixing ratios."""
 TOLERANCE = 1e-6 * DAY
@@ -208,7 +206,7 @@ class RunFile(Nodal):
             """The global attributes, and by its names what the summary says more: how many days."""
             if lacking := {*MESH_ATTRIBUTES} - found.keys():
                 raise ValueError(f"it lacks {', '.join(sorted(lacking))}")
-            fields = [str(name) for name, v in data.variables.items() if v.dims == FRAME]
+            fields = [str(name) for name, v in data.variables.items() if v.dims == ("time", "node")]
             for name in (*fields, "b", "time"):
                 if data[name].dtype.kind not in "fiu":
                     raise ValueError(f"{name} holds no numbers")

@@ -109,8 +109,7 @@ def convert(label: str, kind: Any, value: object, finite: bool = True) -> Any:
         value: a value, or text that can be read as such.
         finite: whether numbers have to be finite.
 
-    Raises:
-        ConfigError: the value cannot be read.
+    Raises ConfigError where the value cannot be read.
     """
     given = value.strip() if isinstance(value, str) else value
     other = ""

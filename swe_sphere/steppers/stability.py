@@ -14,8 +14,6 @@ from swe_sphere.planet import DAY
 Complex = NDArray[np.complex128]
 Rows = tuple[tuple[float, ...], ...]
 TOLERANCE = 1e-7
-HIGHEST = 5
-"""Order up to which order conditions are checked."""
 SHORT = 0.25
 """Product of a step and the spectral radii at which waves do not grow, or grow at any step."""
 GROWTH_TIME = 15 * DAY
@@ -98,7 +96,7 @@ def check_order(cls: Any, *matrices: NDArray[np.float64]) -> None:
     each rooted tree whose branches have matrices (Hairer, Norsett & Wanner 1993, II.2 and II.15).
     """
     b, branches = np.array(cls.b), list[_Branch]()
-    for order in range(1, min(cls.order, HIGHEST) + 1):
+    for order in range(1, min(cls.order, 5) + 1):
         grown = list[_Branch]()
         for forest in _forests(branches, order - 1):
             density = order * math.prod(branch.density for branch in forest)
