@@ -83,15 +83,16 @@ Spoken = Annotated[float, _not_of(bool), Field(gt=0.0)]
 SpokenWhole = Annotated[int, _not_of(bool)]
 TimeStep = Annotated[float | Literal["auto"], or_auto(Spoken, "a positive number of seconds")]
 Count = Annotated[
-    int | Literal["auto"],
-    or_auto(Annotated[SpokenWhole, Field(gt=0)], "a whole number from 1 on"),
+    int | Literal["auto"], or_auto(Annotated[SpokenWhole, Field(gt=0)], "a whole number from 1 on")
 ]
 
 
-class SharedConfig(
-    BaseModel, frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
-):
+class SharedConfig(BaseModel):
     """Settings that all runs of a study share: refined and rotated mesh, machine."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
+    )
 
     stretch: Number = 1.0
     """Schmidt refinement: factor by which the mesh is refined at the centre."""

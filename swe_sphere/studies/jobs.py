@@ -34,9 +34,7 @@ def checked_jobs(jobs: int) -> int:
 
 
 def in_processes(
-    jobs: int,
-    begin: Callable[[], Callable[[Any], Any]],
-    tasks: Sequence[object],
+    jobs: int, begin: Callable[[], Callable[[Any], Any]], tasks: Sequence[object]
 ) -> Iterator[Any]:
     """Yield the results of tasks from up to `jobs` processes, in the order of their arrival.
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import take_lock, write_whole
@@ -18,8 +18,10 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-class Record(BaseModel, strict=True, frozen=True):
+class Record(BaseModel):
     """What is kept in a file of JSON; nothing is taken for what it is not, NaN is null."""
+
+    model_config = ConfigDict(strict=True, frozen=True)
 
     def as_text(self) -> str:
         """The contents of the file."""

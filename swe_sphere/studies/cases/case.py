@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from pydantic import BaseModel, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.fingerprints import code_fingerprint, fingerprint
@@ -97,12 +97,14 @@ def read_limits(table: Limits, always: bool = False) -> Iterator[Check]:
             yield check
 
 
-class Case(BaseModel, frozen=True, extra="forbid"):
+class Case(BaseModel):
     """A run of a scene, how it is measured, and what its numbers must keep.
 
     The fields are the keys of files of cases, which verification/start.toml documents.  Cases of
     one name differ in resolution or step.
     """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
     family: str = ""

@@ -102,10 +102,7 @@ def sweep(
 
 
 def run_plan(
-    plan: SweepPlan,
-    folder: Path,
-    watcher: SweepWatcher | None = None,
-    own: Scene | None = None,
+    plan: SweepPlan, folder: Path, watcher: SweepWatcher | None = None, own: Scene | None = None
 ) -> xr.Dataset:
     """Carry out a plan in a folder and write its dataset there; finished runs are not repeated.
 

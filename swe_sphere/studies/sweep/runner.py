@@ -88,10 +88,7 @@ class Snapshots(Observer):
 
 
 def execute(
-    spec: RunSpec,
-    interruption: Interruption,
-    time_limit: float | None,
-    tick: Callable[[int], None],
+    spec: RunSpec, interruption: Interruption, time_limit: float | None, tick: Callable[[int], None]
 ) -> tuple[Ended, History]:
     """Run to the end, or to where it fails; the steps alone are on the clock.
 
