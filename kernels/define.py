@@ -19,11 +19,17 @@ import functools
 import types
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import warp as wp
 
 REGISTER_BYTES = 64
+
+
+def source(name: str) -> str:
+    """Return the C++ of a native function that stands in a file of `kernels/simd/`."""
+    return Path(__file__).with_name("simd").joinpath(f"{name}.cpp").read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import Name, Register, real, value, vector
+from swe_sphere.kernels.define import Name, Register, real, source, value, vector
 from swe_sphere.kernels.simd.memory import Numbers
 
 
@@ -180,29 +180,8 @@ def _rooms(register: Register) -> Any:
 
     @Register.func_native(f"""
         typedef double wide {attributes if register.lanes > 1 else ""};
-        wide sums[3] = {{}};
-        const auto add = [&](auto mass, auto air, auto space, auto to) {{
-            const auto least = low * air, most = high * air;
-            auto clipped = mass > least ? mass : least;
-            clipped = clipped < most ? clipped : most;
-            const auto over = mass - clipped, above = most - clipped, below = clipped - least;
-            to(0, over, space); to(1, above, space); to(2, below, space);
-        }};
-        int i = begin;
-        for (; i + lanes <= end; i += lanes)
-            add(*runs(x.data + first + i), *runs(x.data + depth + i), *(const wide*)(area.data + i),
-                [&](int s, run r, wide a) {{ sums[s] += a * {as_wide}; }});
-        double left[3] = {{}};
-        for (; i < end; ++i)
-            add(x.data[first + i], x.data[depth + i], area.data[i],
-                [&](int s, auto r, double a) {{ left[s] += a * double(r); }});
-        wp::vec3d total;
-        for (int s = 0; s < 3; ++s) {{
-            total[s] = left[s];
-            for (int lane = 0; lane < lanes; ++lane)
-                total[s] += reinterpret_cast<const double*>(&sums[s])[lane];
-        }}
-        return total;
+        const auto widen = [](run r) {{ return {as_wide}; }};
+        {source("rooms")}
     """)
     def rooms(
         area: wp.array(dtype=wp.float64), x: vector, depth: int, first: int, begin: int, end: int,

@@ -59,19 +59,25 @@ def code_fingerprint(*more: str) -> str:
     digest = hashlib.sha256(repr([version(name) for name in LIBRARIES]).encode())
     for name in ("", *NUMBERS, *more):
         for path in _sources(name):
-            contents = code_of(path.read_text(encoding="utf-8")).encode()
+            text = path.read_text(encoding="utf-8")
+            contents = (code_of(text) if path.suffix == ".py" else text).encode()
             digest.update(f"{name} {path.stem} {len(contents)} ".encode() + contents)
     return digest.hexdigest()[:16]
 
 
 def _sources(name: str) -> list[Path]:
-    """Return the files of a package or module of swe_sphere, which need not lie inside of it."""
+    """Return the files of a package or module of swe_sphere, which need not lie inside of it.
+
+    They are Python, C++ of kernels, and tables of methods, scenes and settings, but no recipes.
+    """
     spec = find_spec(f"swe_sphere.{name}".rstrip("."))
     assert spec is not None
     folders = spec.submodule_search_locations
     if folders is None:
         return [Path(str(spec.origin))]
-    return sorted(path for at in folders for path in Path(at).glob("**/*.py" if name else "*.py"))
+    found = (path for at in folders for path in Path(at).glob("**/*" if name else "*"))
+    kinds = ".py", ".cpp", ".toml"
+    return sorted(p for p in found if p.suffix in kinds and p.parent.name != "recipes")
 
 
 def code_of(source: str) -> str:
