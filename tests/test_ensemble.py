@@ -173,6 +173,22 @@ def test_what_is_no_ensemble(tmp_path, values, seeds, error, message):
         run_members(make_config(SMALL | values), seeds, tmp_path, lambda _: None)
 
 
+@pytest.mark.parametrize("name", ["spread_h.csv", "spread_h.png"])
+def test_a_table_or_picture_of_somebody_else_is_not_replaced(tmp_path, capsys, name):
+    line = ["ensemble", "galewsky", "--ne", "2", "--np", "4", "--dt", "600", "--days", "0.1"]
+    line += ["--seeds", "1,2", "--field", "h", "--folder", str(tmp_path)]
+    (tmp_path / name).write_text("mine")
+    with pytest.raises(SystemExit, match="2"):
+        main(line)
+    err = capsys.readouterr().err
+    assert f"{name} is of no ensemble, and would be replaced" in err and err.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    for more in (["--overwrite"], []):
+        with pytest.raises(SystemExit, match="0"):
+            main([*line, *more])
+    assert len([*tmp_path.glob("spread_h.*")]) == 2
+
+
 def test_seeds_that_are_none(tmp_path, capsys):
     with pytest.raises(SystemExit, match="2"):
         main(["ensemble", "galewsky", "--seeds", "1-x", "--folder", str(tmp_path)])

@@ -185,6 +185,25 @@ def test_a_map_of_no_sweeps_is_refused(tmp_path) -> None:
         load_recipe(str(tmp_path / "old.toml"))
 
 
+@pytest.mark.parametrize(
+    ("axis", "flags", "said"),
+    [
+        ("scene.sped", {}, "map: a sweep of williamson5 has no number scene.sped"),
+        ("nE", {}, "map: a sweep of williamson5 has no number nE"),
+        ("hyperviscosity.nu", {}, "has no number hyperviscosity.nu"),
+        ("scene.speed", {"settings": "viscosity.nu=1e5"}, "has no number scene.speed"),
+        ("ne", {"target_error": []}, "map: a sweep of williamson5 has no target-error"),
+    ],
+)
+def test_a_map_that_cannot_be_drawn_is_refused_before_its_runs(axis, flags, said, tmp_path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(RECIPE.replace("froude", axis))
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        load_recipe(str(path)).plans(flags)
+    path.write_text(RECIPE.replace("froude", "scene.speed"))
+    assert len(load_recipe(str(path)).plans({})) == 4
+
+
 def test_lists_of_a_recipe_are_lists(tmp_path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text('scene = "lauter"\nsteppers = ["imex"]\n[[sweep]]\n[sweep.each]\nne = 4\n')

@@ -159,6 +159,22 @@ def test_figures_lie_beside_the_page(folder):
         assert path.stat().st_size < 60_000
 
 
+def test_a_figure_that_no_sweep_has_made_is_not_replaced(folder, dataset, tmp_path):
+    """Also beside a page of a sweep; figures of earlier versions, without a mark, are replaced."""
+    figure = next(folder.glob("*.svg"))
+    for old in (figure.read_text().replace(f"{MARK}\n", ""), figure.read_text()):
+        (tmp_path / figure.name).write_text(old)
+        (tmp_path / "index.html").write_text((folder / "index.html").read_text())
+        write_report(dataset, tmp_path)
+        assert (tmp_path / figure.name).read_bytes() == figure.read_bytes()
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    (tmp_path / figure.name).write_text("<svg>mine</svg>")
+    with pytest.raises(ConfigError, match=rf"{figure.name} is of no sweep, and would be replaced"):
+        write_report(dataset.isel(run=[3]), tmp_path)
+    assert (tmp_path / figure.name).read_text() == "<svg>mine</svg>"
+    assert all(path.read_bytes() == old for path, old in before.items() if path.stem == "index")
+
+
 def test_a_figure_is_the_same_bytes_each_time(dataset):
     rows = read_runs(dataset)
     first, again = (next(error_pictures(rows, metrics(rows)[0], "a")).svg for _ in range(2))

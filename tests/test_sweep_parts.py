@@ -56,6 +56,8 @@ def test_lists_may_be_written_in_any_way():
         ({"days": 2, "report_days": "1,3"}, "report-days: day 3 is after the end, day 2"),
         ({"repeats": 0}, "repeats: must be greater than or equal to 1"),
         ({"target_error": 0}, "target-error: must be greater than 0"),
+        ({"target_error": ""}, "target-error: must not be empty"),
+        ({"preconditioner": ","}, "preconditioner: must not be empty"),
         ({"budget": 10}, "budget: only a search has one: give target-error too"),
         (
             {"budget": 10, "target_error": 1e-3, "jobs": 2},

@@ -168,6 +168,23 @@ def test_a_report_can_be_made_while_the_sweep_goes_on(tmp_path):
     assert watcher.rows == (3,)
 
 
+def test_a_dataset_that_no_sweep_has_made_is_not_replaced(swe, tmp_path):
+    (tmp_path / "d").mkdir()
+    (tmp_path / "d" / "sweep.nc").write_text("mine")
+    status, err = swe("lauter", *FLAGS, "--quiet")
+    assert status == 2 and err.count("\n") == 1 and "d/sweep.nc is of no sweep" in err
+    assert (tmp_path / "d" / "sweep.nc").read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", ["sweep.json", "runs/000001.json"])
+def test_a_pipe_in_the_place_of_a_record_is_one_line(swe, tmp_path, name):
+    (tmp_path / "d" / "runs").mkdir(parents=True)
+    os.mkfifo(tmp_path / "d" / name)
+    status, err = swe("lauter", *FLAGS, "--quiet")
+    said = f"swe-sphere: cannot read d/{name}: what is there is no file\n"
+    assert (status, err) == (2, said)
+
+
 # --- kills and full disks
 
 

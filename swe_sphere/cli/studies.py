@@ -16,7 +16,7 @@ import typer
 from swe_sphere.cli.options import AsJson, Jobs, flag, given, option, with_flags
 from swe_sphere.cli.show import print_table, show_line
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.durable import clear_errors, write_whole
+from swe_sphere.files.durable import clear_errors, contents_of, write_whole
 from swe_sphere.settings.values import names_in
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.loop import Interrupted
@@ -93,9 +93,13 @@ def _run(context: typer.Context, folder: str, cases: Sequence[Case], describe: D
     checked_jobs(jobs)
     if resume and out is None:
         raise ConfigError("resume: say what to go on with (--out), or leave it out")
-    command = shlex.join(["swe-sphere", *(word for word in context.obj if word != "--resume")])
+    words = ["swe-sphere", str(context.info_name), *(["--quick"] if quick else [])]
+    for name in ("scenes", "groups", "steppers", "launch"):
+        if value := context.params.get(name):
+            words += [f"--{name}", ",".join(names_in(value))]
     chosen = any(context.params.get(name) for name in ("scenes", "groups", "steppers"))
-    file = None if out is None else _page_file(out, folder, quick, command if chosen else "")
+    command = shlex.join([*words, "--out", str(out)])
+    file = None if out is None else _page_file(out, folder, quick, words if chosen else [])
     store = None if file is None else Store(file.with_suffix(".runs"), Measure)
     known = store.records if store and resume else ()
     try:
@@ -118,23 +122,24 @@ def _run(context: typer.Context, folder: str, cases: Sequence[Case], describe: D
     return 1 if counts["failed"] else 0
 
 
-def _page_file(out: Path, folder: str, quick: bool, command: str) -> Path:
+def _page_file(out: Path, folder: str, quick: bool, words: Sequence[str]) -> Path:
     """Return the file of the page, checked before anything is run.
 
-    command: the command line of a page of chosen cases, which replaces no page of others.
+    words: First words of the command of a page of chosen cases, which replaces no page of others.
     """
-    from swe_sphere.studies.pages import check_page
+    from swe_sphere.studies.pages import check_ours
 
     file = out if out.suffix == ".md" else out / f"{folder}.md"
     numbers = file.with_suffix(".json")
     with clear_errors(f"cannot write to {file.parent}"):
         file.parent.mkdir(parents=True, exist_ok=True)
-    check_page(file, folder.capitalize())
+    check_ours(file, f"# {folder.capitalize()}\n", what="is no such page")
     if numbers.exists() and not file.exists():
         raise ConfigError(f"out: {numbers} is of another page, and would be replaced: move it away")
-    if quick and numbers.exists() and '"quick": true' not in numbers.read_text():
-        raise ConfigError(f"out: {numbers} is of the full form: choose another name")
-    if command and file.exists() and command not in file.read_text("utf-8"):
+    with clear_errors(f"cannot read {numbers}"):
+        if quick and numbers.exists() and b'"quick": true' not in contents_of(numbers):
+            raise ConfigError(f"out: {numbers} is of the full form: choose another name")
+    if words and file.exists() and f"{shlex.join(words)} --out " not in file.read_text("utf-8"):
         raise ConfigError(f"out: {file} holds other cases than the chosen ones: take another name")
     return file
 
@@ -166,7 +171,8 @@ def ensemble(
 ) -> None:
     """Run a scene from several seeds, and show how their spread grows."""
     from swe_sphere.io.scalar_fields import check_field, derive
-    from swe_sphere.studies.ensemble import run_members, spread, write_spread
+    from swe_sphere.studies.ensemble import MARKS, run_members, spread, spread_files, write_spread
+    from swe_sphere.studies.pages import check_ours
 
     config = make_config(given(values, RunConfig))
     if not config.diagnostics:  # whose names are known when they are loaded
@@ -174,6 +180,8 @@ def ensemble(
     if config.fields:
         derive(dict.fromkeys((*config.fields, "b"), np.zeros(1)), field)
     place = folder or Path(f"{Path(config.scene).stem}_ensemble")
+    for path in () if config.overwrite else spread_files(field, place):
+        check_ours(path, *MARKS, flag="folder", what="is of no ensemble")
     members = run_members(config, _seeds(seeds), place, typer.echo)
     found = spread(members, field)
     typer.echo(f"{'day':>6}  {'spread':>10}  growth [1/day]")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,13 +15,12 @@ from swe_sphere.cli.options import flag, given, option, with_flags
 from swe_sphere.cli.show import print_table
 from swe_sphere.compiling import COMPILING, on_compile
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.files.durable import clear_errors
 from swe_sphere.settings.values import validated
 from swe_sphere.simulation.config import RunConfig, SharedConfig
 from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.studies.advise import Question
 from swe_sphere.studies.advise import advise as advice_on
-from swe_sphere.studies.pages import MARK
+from swe_sphere.studies.pages import check_ours
 from swe_sphere.studies.sweep import SweepPlan, SweepWatcher, make_plan, run_plan
 from swe_sphere.studies.sweep.record import HEADER, RUNS, runs_of, write_dataset
 from swe_sphere.studies.sweep.sweep_plan import Recipe, folder_of, load_recipe
@@ -51,7 +50,8 @@ def sweep(
     loaded = None if recipe is None else load_recipe(recipe)
     mapped = loaded is not None and bool(loaded.axis)
     plans = [] if report_only else _planned(given(values, SweepPlan), loaded, out)
-    _check_pages(out, [*([] if mapped else [REPORT]), *([PAGE] if loaded else [])])
+    for name in [*([] if mapped else [REPORT]), *([PAGE] if loaded else [])]:
+        check_ours(out / name)
     datasets, completed = {}, report_only
     for folder, plan in plans:
         dataset = datasets[folder] = _carried_out(plan, folder, quiet)
@@ -114,16 +114,6 @@ def _begun(out: Path) -> list[Path]:
     if not folders:
         raise ConfigError(f"there is no sweep in {out}: leave report-only out to make one")
     return [folder for folder in folders if runs_of(folder).records] or folders
-
-
-def _check_pages(out: Path, names: Iterable[str]) -> None:
-    """ConfigError where a page would take the place of one that no sweep has made."""
-    for path in (out / name for name in names):
-        with clear_errors(f"cannot write to {path}"):
-            if path.exists() and MARK.encode() not in path.read_bytes():
-                raise ConfigError(
-                    f"out: {path} is of no sweep, and would be replaced: choose another"
-                )
 
 
 def _by_name(

@@ -45,6 +45,13 @@ def write_whole(path: Path, contents: str | bytes) -> None:
             part.unlink(missing_ok=True)
 
 
+def contents_of(path: Path) -> bytes:
+    """Return the contents of a file; OSError where there is none, or a pipe, which would block."""
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "what is there is no file")
+    return path.read_bytes()
+
+
 def sync(path: Path) -> None:
     """Write a file or a folder through to the disk; raises OSError where that fails."""
     file = os.open(path, os.O_RDONLY)

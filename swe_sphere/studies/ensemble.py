@@ -26,6 +26,8 @@ from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.simulation.restart import run_sources
 from swe_sphere.simulation.simulation import run
 
+MARKS = ("day,spread [", "made by swe-sphere ensemble")
+"""Parts of the table and of the picture of a spread, by which they are recognised."""
 FREE = ("overwrite", "out", "days", "time_limit", "restart", "quiet", "as_json", "live", "plot")
 """Fields in which the configuration of a member may differ from that of its file."""
 
@@ -124,8 +126,13 @@ def spread(files: Sequence[Path], field: str = "vorticity") -> pd.DataFrame:
     return table
 
 
+def spread_files(field: str, folder: Path) -> list[Path]:
+    """Return the table and the picture that `write_spread` writes."""
+    return [folder / f"spread_{field}{ending}" for ending in (".csv", ".png")]
+
+
 def write_spread(table: pd.DataFrame, field: str, folder: Path) -> list[Path]:
-    """Write the spread of a field as spread_FIELD.csv and as a picture beside it."""
+    """Write the spread of a field as spread_FIELD.csv and as a picture beside it; return both."""
     kind, picture = describe(field), io.BytesIO()
     heads = ["day", f"spread [{kind.plain_units}]", "growth [day-1]"]
     figure = new_figure()
@@ -133,8 +140,9 @@ def write_spread(table: pd.DataFrame, field: str, folder: Path) -> list[Path]:
     title = f"spread of {kind.title} [{kind.units}]"
     curves = {"all members": table["spread"].to_numpy()}
     draw_panel(figure.subplots(), Panel(title, DAY * table["day"].to_numpy(), curves), None)
-    figure.savefig(picture, format="png", dpi=DOTS_PER_INCH)
-    numbers, drawn = (folder / f"spread_{field}{ending}" for ending in (".csv", ".png"))
-    write_whole(numbers, table.to_csv(index=False, header=heads, na_rep="nan"))
-    write_whole(drawn, picture.getvalue())
-    return [numbers, drawn]
+    figure.savefig(picture, format="png", dpi=DOTS_PER_INCH, metadata={"Source": MARKS[1]})
+    paths = spread_files(field, folder)
+    contents = (table.to_csv(index=False, header=heads, na_rep="nan"), picture.getvalue())
+    for path, whole in zip(paths, contents, strict=True):
+        write_whole(path, whole)
+    return paths

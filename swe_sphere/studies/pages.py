@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from base64 import b64encode
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from swe_sphere.errors import ConfigError, in_one_line
-from swe_sphere.files.durable import clear_errors
+from swe_sphere.files.durable import clear_errors, contents_of, write_whole
 from swe_sphere.studies import words
 
 if TYPE_CHECKING:
@@ -53,11 +54,38 @@ def _environment(package: str, escape: bool) -> Environment:
     return made
 
 
-def check_page(path: Path, title: str) -> None:
-    """ConfigError where something would be replaced that is no page of that title."""
+def check_ours(path: Path, *marks: str, flag: str = "out", what: str = "is of no sweep") -> None:
+    """Raise ConfigError where a file would be replaced that has none of the marks of its kind.
+
+    marks: By default `MARK`.  flag: The option of the file.  what: Says what the file is.
+    """
     with clear_errors(f"cannot write to {path}"):
-        if path.exists() and not path.read_bytes().startswith(f"# {title}\n".encode()):
-            raise ConfigError(f"out: {path} is no such page, and would be replaced: choose another")
+        old = contents_of(path) if path.exists() else None
+    if old is not None and not any(mark.encode() in old for mark in marks or (MARK,)):
+        raise ConfigError(f"{flag}: {path} {what}, and would be replaced: choose another")
+
+
+def write_made(out: Path, files: Mapping[str, str]) -> None:
+    """Write the pages of sweeps and their figures by name into a folder.
+
+    Raises:
+        ConfigError: the folder cannot be made, or a file would be replaced that no sweep has made.
+        RunFailed: the disk does not take the files; each is the old one or the new one.
+    """
+    with clear_errors(f"cannot write the report to {out}"):
+        out.mkdir(parents=True, exist_ok=True)
+    made = {out / name: text if MARK in text else f"{text}{MARK}\n" for name, text in files.items()}
+    pages = [path for path in made if path.suffix != ".svg"]
+    for path in pages:
+        check_ours(path)
+    # figures of earlier versions have no mark, but a page shows them
+    shown = "".join(path.read_text("utf-8") for path in pages if path.exists())
+    for path in made:
+        inline = b64encode(contents_of(path)).decode() if path.is_file() else path.name
+        if path.name not in shown and inline not in shown:
+            check_ours(path)
+    for path, text in made.items():
+        write_whole(path, text)
 
 
 def anchor(title: str) -> str:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.durable import take_lock, write_whole
+from swe_sphere.files.durable import contents_of, take_lock, write_whole
 from swe_sphere.settings.values import place_and_complaint
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ class Store(Generic[R]):
 def read_record(path: Path, form: type[R]) -> R:
     """The record in a file; ConfigError, in one line, where there is none of that form."""
     try:
-        return form.model_validate_json(path.read_bytes())
+        return form.model_validate_json(contents_of(path))
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from None
     except ValidationError as error:

@@ -15,24 +15,19 @@ from xarray import Dataset
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.durable import write_whole
 from swe_sphere.pictures.panels import COLOURS
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.stepper import Family
 from swe_sphere.studies import words
-from swe_sphere.studies.pages import rendered
+from swe_sphere.studies.pages import rendered, write_made
 from swe_sphere.studies.report.figures import INK, STYLE, finish, svg_text
 from swe_sphere.studies.report.page import sweep_rankings
-from swe_sphere.studies.sweep.sweep_plan import Recipe
+from swe_sphere.studies.sweep.sweep_plan import FROUDE, PLACE, Recipe
 
 BASE = "explicit"
 OTHERS = tuple(name for name in get_args(Family) if name != BASE)
 CLASSIC = "rk4"
 """The stepper with which families are compared as well."""
-FROUDE = "froude"
-"""The axis of the Froude number U/c: the largest wind over the speed of the fastest gravity waves,
-both of the initial state."""
-MESH = ("ne", "np", "stretch")
 
 
 def best_steps(datasets: Mapping[str, Dataset], axis: str) -> pd.DataFrame:
@@ -75,7 +70,7 @@ def best_steps(datasets: Mapping[str, Dataset], axis: str) -> pd.DataFrame:
 def _series(run: Mapping[str, object], axis: str) -> str:
     """Return the scene, the mesh and the settings of a run, without the value of the axis."""
     apart = "scene." if axis == FROUDE else f"{axis}="
-    mesh = [f"{name} {run[name]:g}" for name in MESH if name != axis and run[name] != 1.0]
+    mesh = [f"{name} {run[name]:g}" for name in PLACE if name != axis and run[name] != 1.0]
     settings = [each for each in str(run["settings"]).split() if not each.startswith(apart)]
     return ", ".join([str(run["scene"]), *mesh, *settings])
 
@@ -109,17 +104,15 @@ def break_even(x: Array, ratios: Array) -> tuple[float, float]:
 def write_map(datasets: Mapping[str, Dataset], out: Path, *, recipe: Recipe) -> Path:
     """Write the page of a map, README.md, and its figures (SVG); return the path of the page.
 
-    Raises:
-        ConfigError: as `best_steps`.
-        RunFailed: the disk does not take the files.
+    Raises as `best_steps` and `write_made`.
     """
-    best, figures = best_steps(datasets, recipe.axis), {}
+    best, figures, files = best_steps(datasets, recipe.axis), {}, {}
     for target, of in best[best["ratio"].notna() & (best["family"] != BASE)].groupby(
         "target", sort=False
     ):
         name = f"{recipe.axis}-{words.level(target)}.svg"
         figures[f"Cost over the best explicit step, for an error of {words.level(target)}"] = name
-        write_whole(out / name, svg_text(_figure(of, recipe.axis), name))
+        files[name] = svg_text(_figure(of, recipe.axis), name)
     targets = sorted({*best["target"]}, reverse=True)
     ratios = best.pivot(
         index=["series", "x"], columns=["family", "target"], values=["ratio", "beside"]
@@ -128,12 +121,12 @@ def write_map(datasets: Mapping[str, Dataset], out: Path, *, recipe: Recipe) -> 
         base: ratios[base].reindex(columns=[*product(OTHERS, targets)]).groupby("series").agg(_part)
         for base in ("ratio", "beside")
     }
-    text = rendered(
+    files["README.md"] = rendered(
         "swe_sphere.studies", "regimes.md.j2", recipe=recipe, parts=parts, figures=figures,
         series=best.groupby("series"), families=OTHERS, base=BASE, classic=CLASSIC,
         attributes=[dataset.attrs for dataset in datasets.values()],
     )  # fmt: skip
-    write_whole(out / "README.md", text)
+    write_made(out, files)
     return out / "README.md"
 
 

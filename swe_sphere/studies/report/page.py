@@ -19,9 +19,8 @@ import pandas as pd
 from markupsafe import Markup, escape
 from xarray import Dataset
 
-from swe_sphere.files.durable import clear_errors, write_whole
 from swe_sphere.studies import words
-from swe_sphere.studies.pages import rendered
+from swe_sphere.studies.pages import rendered, write_made
 from swe_sphere.studies.report.figures import Picture, error_pictures, other_pictures
 from swe_sphere.studies.report.ranking import (
     REPEATABLE,
@@ -149,24 +148,22 @@ def write_report(
     datasets: what `sweep` returns, or several by name: a section each.
     title: of the page; empty: the recipe's, or the first dataset's.
     recipe: of the sweeps; its introduction and notes are shown, and README.md is written too.
-    Returns the path of index.html.  Raises ConfigError if a dataset is not one of a sweep or the
-    folder cannot be made, RunFailed if the disk refuses; each file is the old one or the new one.
+    Returns the path of index.html.  Raises ConfigError if a dataset is not one of a sweep, and as
+    `write_made`.
     """
-    with clear_errors(f"cannot write the report to {out}"):
-        Path(out).mkdir(parents=True, exist_ok=True)
-    out, sections = Path(out), read_sections(datasets)
-    for section in sections:
-        for picture in chain(*section.figures, section.others):
-            write_whole(out / picture.name, picture.svg)
+    sections = read_sections(datasets)
     told = recipe.title if recipe else sections[0].dataset.attrs.get("title")
     values = {
         "title": title or told or TITLE, "sections": sections, "recipe": recipe,
         "notes": recipe.notes if recipe else {},
     }  # fmt: skip
-    write_whole(out / "index.html", _rendered("report.html.j2", **values))
+    pictures = [each for of in sections for each in chain(*of.figures, of.others)]
+    files = {each.name: each.svg for each in pictures}
+    files["index.html"] = _rendered("report.html.j2", **values)
     if recipe is not None:
-        write_whole(out / "README.md", _rendered("page.md.j2", **values))
-    return out / "index.html"
+        files["README.md"] = _rendered("page.md.j2", **values)
+    write_made(Path(out), files)
+    return Path(out) / "index.html"
 
 
 def _rendered(template: str, **values: Any) -> str:

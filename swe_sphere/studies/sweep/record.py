@@ -141,12 +141,16 @@ def note_plan(
     """Write down what is asked for; returns what the user should know of the runs there.
 
     Namely how many are left out, as something they are made of has changed since the last sweep;
-    empty where nothing has.  Raises ConfigError where the folder is of another scene.
+    empty where nothing has.  Raises ConfigError where the folder is of another scene or no sweep.
     """
     last = read_header(folder)
     if last is not None and last.scene != scene.name:
         raise ConfigError(
             f"{folder} holds a sweep of {last.scene}, not of {scene.name}: choose another folder"
+        )
+    if last is None and not runs and (folder / DATASET).exists():
+        raise ConfigError(
+            f"out: {folder / DATASET} is of no sweep, and would be replaced: choose another folder"
         )
     now = Header(
         scene=scene.name, title=scene.title, sources=sources,

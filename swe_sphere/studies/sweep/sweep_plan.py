@@ -6,6 +6,7 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import pandas as pd
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from swe_sphere.equations.scene import MOST_ELEMENTS, Scene
@@ -34,7 +35,9 @@ from swe_sphere.studies.jobs import MOST_JOBS
 def _listed(value: object) -> tuple[object, ...]:
     """A comma-separated list, one value or several of them, as a tuple."""
     if isinstance(value, str):
-        return tuple(names_in(value))
+        if not (names := names_in(value)):
+            raise ValueError("must not be empty")
+        return tuple(names)
     if not isinstance(value, list | tuple):
         return (value,)
     parts = (_listed(item) if isinstance(item, str) else (item,) for item in value)
@@ -189,6 +192,10 @@ def _check_jobs(plan: SweepPlan, own: Scene | None) -> None:
 
 
 RECIPES = Path(__file__).with_name("recipes")
+PLACE = ("ne", "np", "stretch")
+FROUDE = "froude"
+"""Axes of maps beside settings: those of the mesh, and the Froude number U/c, the largest wind over
+the speed of the fastest gravity waves, both of the initial state."""
 
 
 @dataclass(frozen=True)
@@ -209,14 +216,23 @@ class Recipe:
         """The plans, with the values of flags in the place of the recipe's.
 
         A scene among them chooses the sweeps of that scene.  Raises ConfigError for a scene that
-        the recipe does not have, and as `make_plan`.
+        the recipe does not have, for a sweep that cannot be on the map, and as `make_plan`.
         """
         scene = flags.get("scene")
         chosen = [values for values in self.sweeps if scene in (None, values.get("scene"))]
         if not chosen:
             scenes = ", ".join(str(values.get("scene")) for values in self.sweeps)
             raise ConfigError(f"the recipe has no scene {scene!r}; it has {scenes}")
-        return [make_plan(values | {**flags}) for values in chosen]
+        plans = [make_plan(values | {**flags}) for values in chosen]
+        for plan in plans if self.axis else ():
+            given = plan.run_config().settings
+            settings = {f"{each.owner}.{each.parameter}": each.value for each in given}
+            values = dict.fromkeys((*PLACE, FROUDE), 0.0) | settings
+            if pd.isna(pd.to_numeric(values.get(self.axis), errors="coerce")):
+                raise ConfigError(f"map: a sweep of {plan.scene} has no number {self.axis}")
+            if not plan.target_error:
+                raise ConfigError(f"map: a sweep of {plan.scene} has no target-error")
+        return plans
 
 
 def load_recipe(name: str) -> Recipe:
