@@ -105,7 +105,7 @@ def test_runs_are_repeated_until_their_two_shortest_times_agree(monkeypatch, agr
 
     def timed(spec, *others):
         ended, fields = execute(spec, *others)
-        ended.numbers |= {"cpu_seconds": next(times)} if spec.dt == 3600.0 else {}
+        ended.numbers.update({"cpu_seconds": next(times)} if spec.dt == 3600.0 else {})
         return ended, fields
 
     execute = runner.execute

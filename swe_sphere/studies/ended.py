@@ -1,7 +1,6 @@
 """How a run of a study ended, whatever happens."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -9,6 +8,7 @@ from swe_sphere.errors import SweError, in_one_line
 from swe_sphere.simulation.loop import Interrupted, Interruption
 from swe_sphere.simulation.observers import Observer
 from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.simulation.summary import Summary
 
 STOPPED = ("refused", "unstable", "solver-failed")
 """Ways in which a run ends itself and says why."""
@@ -18,30 +18,15 @@ BREAKDOWNS = (ArithmeticError, LookupError, MemoryError, RuntimeError, TypeError
 """Errors that are no answer to the user: a run that ends with one of them has failed."""
 
 
-@dataclass
-class Ended:
-    """How a run ended."""
-
-    status: str = "completed"
-    """As `Summary.status`."""
-    reason: str = ""
-    numbers: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def completed(self) -> bool:
-        """Whether it got to its end."""
-        return self.status == "completed"
-
-
-def attempt(work: Callable[[], Ended]) -> Ended:
-    """What the work comes to; an error in it is an end as well, but for Interrupted."""
+def attempt(work: Callable[[], Summary]) -> Summary:
+    """Return what the work returns; an error in it is an end as well, but for Interrupted."""
     try:
         with np.errstate(all="ignore"):
             return work()
     except SweError as error:
-        return Ended(error.status, in_one_line(error))
+        return Summary(error.status, in_one_line(error))
     except BREAKDOWNS as error:
-        return Ended("failed", f"{type(error).__name__}: {in_one_line(error)}")
+        return Summary("failed", f"{type(error).__name__}: {in_one_line(error)}")
 
 
 def stepped(
@@ -49,16 +34,16 @@ def stepped(
     observers: Sequence[Observer] = (),
     time_limit: float | None = None,
     interruption: Interruption | None = None,
-) -> Ended:
+) -> Summary:
     """Step a simulation to its end, as its `advance` does; any error of a step ends it too.
 
     Raises Interrupted where the user asked to stop.
     """
 
-    def work() -> Ended:
+    def work() -> Summary:
         outcome = sim.advance(observers, time_limit, interruption)
         if outcome.status == "interrupted":
             raise Interrupted(outcome.reason)
-        return Ended(outcome.status, in_one_line(outcome.reason or ""))
+        return Summary(outcome.status, in_one_line(outcome.reason or ""))
 
     return attempt(work)

@@ -5,14 +5,14 @@ import math
 NOTHING = "–"
 
 
-def number(value: float, digits: int = 3) -> str:
+def number(value: float, digits: int = 3, unit: str = "") -> str:
     """A number with a few significant digits, without an exponent where it can be read so."""
     if not math.isfinite(value):
         return NOTHING
     if value == 0.0 or 1e-3 <= abs(value) < 1e6:
         places = max(0, digits - 1 - math.floor(math.log10(abs(value)))) if value else 0
-        return f"{value:.{places}f}".replace("-", "−")
-    return error(value, digits - 1)
+        return f"{value:.{places}f}{unit}".replace("-", "−")
+    return error(value, digits - 1) + unit
 
 
 def error(value: float, places: int = 1) -> str:
@@ -38,23 +38,19 @@ def step(value: float) -> str:
 
 def seconds(value: float) -> str:
     """A duration that was measured: two or three digits."""
-    return _with_unit(value, number(value, 2 if value < 10.0 else 3), " s")
+    return number(value, 2 if value < 10.0 else 3, " s")
 
 
 def times(value: float) -> str:
     """A multiple: 29×."""
-    return _with_unit(value, number(value, 2), "×")
+    return number(value, 2, "×")
 
 
 def percent(value: float) -> str:
     """A part of one in percent, two digits."""
-    return _with_unit(value, number(100.0 * value, 2), " %")
+    return number(100.0 * value, 2, " %")
 
 
 def count(value: float) -> str:
     """A whole number."""
-    return _with_unit(value, f"{value:.0f}")
-
-
-def _with_unit(value: float, text: str, unit: str = "") -> str:
-    return text + unit if math.isfinite(value) else NOTHING
+    return f"{value:.0f}" if math.isfinite(value) else NOTHING

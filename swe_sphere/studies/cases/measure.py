@@ -29,10 +29,11 @@ from swe_sphere.simulation.diagnostics import (
 from swe_sphere.simulation.observers import Observer, Ticker
 from swe_sphere.simulation.planning import RunPlan, free_steps
 from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.simulation.summary import Summary
 from swe_sphere.steppers import get_stepper
 from swe_sphere.studies.cases.case import Case
 from swe_sphere.studies.cases.scenes import make_scene, random_setting
-from swe_sphere.studies.ended import Ended, attempt, stepped
+from swe_sphere.studies.ended import attempt, stepped
 from swe_sphere.studies.record_store import Record
 
 Tick = Callable[[str], None]
@@ -65,12 +66,13 @@ def measure(case: Case, tick: Tick | None = None) -> Measure:
     began = time.perf_counter()
     ended = attempt(lambda: METHODS[case.method](case, case.configured(), tick))
     return Measure(
-        name=case.name, fingerprint=case.fingerprint, status=ended.status, reason=ended.reason,
+        name=case.name, fingerprint=case.fingerprint, status=ended.status,
+        reason=ended.reason or "",
         numbers=ended.numbers | {"seconds": time.perf_counter() - began},
     )  # fmt: skip
 
 
-def _stepped(case: Case, sim: Simulation, tick: Tick | None, *observers: Observer) -> Ended:
+def _stepped(case: Case, sim: Simulation, tick: Tick | None, *observers: Observer) -> Summary:
     """Step a simulation to its end; tick: called with the progress."""
 
     def show(step: int) -> None:
@@ -84,7 +86,7 @@ def _stepped(case: Case, sim: Simulation, tick: Tick | None, *observers: Observe
 # --- errors, integrals and extremes
 
 
-def _errors(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
+def _errors(case: Case, run: RunConfig, tick: Tick | None) -> Summary:
     """Run a case and measure, as far as they are defined,
 
     all of `Simulation.diagnostics` at the end; its errors are those against `Case.against`;
@@ -98,10 +100,10 @@ def _errors(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
         of the initial ones, and the largest relative drift of mass.
     """
     sim = _begun(run)
-    ended = Ended() if case.method == "start" else _stepped(case, sim, tick)
+    ended = Summary() if case.method == "start" else _stepped(case, sim, tick)
     if ended.completed:
-        ended.numbers = sim.diagnostics | _extremes(sim) | _errors_against(sim, case)
-    ended.numbers |= {"dt": sim.plan.dt, "step_seconds": sim.wall_seconds}
+        ended.numbers.update(sim.diagnostics | _extremes(sim) | _errors_against(sim, case))
+    ended.numbers.update({"dt": sim.plan.dt, "step_seconds": sim.wall_seconds})
     return ended
 
 
@@ -282,7 +284,7 @@ def _images(mesh: Mesh, matrix: tuple[tuple[float, ...], ...]) -> NDArray[np.int
     return np.asarray(found)
 
 
-def _series(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
+def _series(case: Case, run: RunConfig, tick: Tick | None) -> Summary:
     """Run a case and measure extremes of the whole run, see `Series`, and its costs.
 
     apart_h, apart_v: relative l2 distance at the end from the run that it is compared with.
@@ -293,7 +295,7 @@ def _series(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
     series.observe(sim.snapshot)
     ended = _stepped(case, sim, tick, series)
     costs = sim.stepper.costs()
-    ended.numbers = series.numbers() | {
+    numbers = series.numbers() | {
         "dt": sim.plan.dt,
         "dt_over_gravity": sim.plan.dt / sim.gravity_limit,
         "steps": float(sim.steps),
@@ -303,7 +305,8 @@ def _series(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
     if ended.completed and isinstance(case.against, dict):
         other = _compared(sim, case, case.against)
         errors = field_errors(sim.mesh.area, sim.snapshot.fields, other)
-        ended.numbers |= {f"apart_{x}": errors[x]["l2"] for x in "hv"}
+        numbers |= {f"apart_{x}": errors[x]["l2"] for x in "hv"}
+    ended.numbers.update(numbers)
     return ended
 
 
@@ -329,10 +332,9 @@ WORST = ("mass_drift", "energy_gain", "froude", "rejected_steps")
 """Numbers of which the largest of a batch of runs is kept."""
 
 
-def _seeds(case: Case, _: RunConfig, tick: Tick | None) -> Ended:
+def _seeds(case: Case, _: RunConfig, tick: Tick | None) -> Summary:
     """Run each seed by itself and measure how many `stopped`, and the worst numbers of all."""
-    batch = Ended(numbers={"seeds": float(len(case.seeds)), "stopped": 0.0})
-    numbers = batch.numbers
+    numbers, status, reason = {"seeds": float(len(case.seeds)), "stopped": 0.0}, "completed", ""
     for seed in case.seeds:
         if tick is not None:
             tick(f"{case.name}: seed {seed}")
@@ -345,10 +347,10 @@ def _seeds(case: Case, _: RunConfig, tick: Tick | None) -> Ended:
                 numbers[name] = max(numbers.get(name, -math.inf), ended.numbers[name])
         if not ended.completed:
             numbers["stopped"] += 1.0
-            batch.reason = batch.reason or f"seed {seed}: {ended.status}: {ended.reason}"
+            reason = reason or f"seed {seed}: {ended.status}: {ended.reason}"
         if ended.status in ("timed-out", "failed"):
-            batch.status = ended.status
-    return batch
+            status = ended.status
+    return Summary(status, reason, numbers=numbers)
 
 
 METHODS = {"errors": _errors, "start": _errors, "series": _series, "seeds": _seeds}

@@ -1,7 +1,7 @@
 """The pages of verification and of stability, in Markdown."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -31,11 +31,17 @@ def page(folder: str, rows: Sequence[Row], command: str) -> str:
         if mine:
             table = pd.DataFrame(map(cells_of, mine))
             table = table.loc[:, (table != "").any()]
-            sections.append((family, [*table], table.values, [*_remarks(mine)]))
+            reasons: dict[str, list[str]] = {}
+            for row in mine:
+                if row.reason:
+                    reasons.setdefault(f"{row.outcome}: {row.reason}", []).append(row.case.name)
+            cases = {row.case.name: row.case for row in mine}
+            sections.append((family, [*table], table.values, mine, cases, reasons))
             numbers = [*count_outcomes(mine).values(), len(family.cases) - len(mine)]
             summary.append([f"[{family.title}](#{anchor(family.title)})", *map(str, numbers)])
     return rendered(
-        "swe_sphere.studies.cases", f"{folder}.md.j2", sections=sections, command=command,
+        "swe_sphere.studies.cases", f"{folder}.md.j2", _label, _quantity, sections=sections,
+        command=command,
         summary=(["group", *OUTCOMES, "not run"], summary), count=len(rows),
         failed=sum(not row.passed for row in rows), mass=max(map(_drift, rows), default=0.0),
         stepping=sum(row.seconds for row in rows),
@@ -60,12 +66,12 @@ def cells_of(row: Row) -> dict[str, str]:
     names = dict.fromkeys([*(check.quantity for check in checks), *case.report])
     names |= dict.fromkeys(COLUMNS if {*names} & {*NORMS} else ())
     names |= dict.fromkeys([] if row.passed else ["last_day"])
-    shown = {name: _number(name, numbers[name]) for name in names if name in numbers}
+    shown = {name: _quantity(numbers[name], name) for name in names if name in numbers}
     others = [name for name in shown if name not in COLUMNS and name not in told]
     return {
         "case": case.name, "ne": str(row.config.ne or ""), "np": str(row.config.np or ""),
         "Δt [s]": "" if math.isnan(row.dt) or case.method == "start" else f"{row.dt:.4g}",
-        "× 1/ρ": _number("", x) if (x := numbers.get("dt_over_gravity")) else "",
+        "× 1/ρ": _quantity(x, "") if (x := numbers.get("dt_over_gravity")) else "",
         **{head: shown.get(name, "") for name, head in COLUMNS.items()},
         "other": ", ".join(f"{_label(name)} {shown[name]}" for name in others),
         "of bound": f"{row.used:.2f}" if math.isfinite(row.used) else "",
@@ -83,8 +89,8 @@ def _label(name: str) -> str:
     return str(_quantities().get(name, {}).get("label", COLUMNS.get(name, name)))
 
 
-def _number(name: str, value: float) -> str:
-    if not math.isfinite(value):
+def _quantity(value: float | None, name: str) -> str:
+    if value is None or not math.isfinite(value):
         return "none"
     if name.startswith("order"):
         return f"{value:.1f}"
@@ -92,22 +98,3 @@ def _number(name: str, value: float) -> str:
     if name in NORMS or (digits == 4 and value and not 1e-2 <= abs(value) < 1e5):
         return f"{value:.2e}"
     return f"{value:.{digits}g}"
-
-
-def _remarks(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield titles and notes of cases, published numbers, and each reason once."""
-    for case in {row.case.name: row.case for row in rows}.values():
-        if text := "; ".join(filter(None, (case.title, case.note))):
-            yield f"`{case.name}`: {text}."
-    for row in rows:
-        for source, values in row.case.published.items():
-            for name, value in values.items():
-                ours = _number(name, row.quantities.get(name, math.nan))
-                text = f"{_label(name)}: {ours} here, {value:.4g} published ({source})."
-                yield f"`{row.case.name}`: {text}"
-    reasons: dict[str, list[str]] = {}
-    for row in rows:
-        if row.reason:
-            reasons.setdefault(f"{row.outcome}: {row.reason}", []).append(row.case.name)
-    for reason, names in reasons.items():
-        yield f"`{'`, `'.join(names)}` {reason}"

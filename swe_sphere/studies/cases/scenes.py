@@ -148,12 +148,10 @@ def _changed(
     name: str, change: Callable[[Array, Array, Array, Array, Array], State], **values: Any
 ) -> Scene:
     """Return a built-in scene with other values, and a change(lon, lat, u, v, h) of its start."""
-    base: Scene = get_scene(name)
-
-    def initial(lon: Array, lat: Array) -> State:
-        return change(lon, lat, *base.initial(lon, lat))
-
-    return replace(base, initial=initial, **values)
+    base = get_scene(name)
+    return replace(
+        base, initial=lambda lon, lat: change(lon, lat, *base.initial(lon, lat)), **values
+    )
 
 
 HOMME = replace(EARTH, radius=6.376e6)
@@ -167,11 +165,9 @@ def homme_mountain() -> Scene:
     (a - 6.37122e6 m) Ω u0 sin² θ / g.
     """
     more = (HOMME.radius - EARTH.radius) * EARTH.rotation * 20.0 / EARTH.gravity
-
-    def change(lon: Array, lat: Array, u: Array, v: Array, h: Array) -> State:
-        return u, v, h - more * np.sin(lat) ** 2
-
-    return _changed("williamson5", change, planet=HOMME)
+    return _changed(
+        "williamson5", lambda lon, lat, u, v, h: (u, v, h - more * np.sin(lat) ** 2), planet=HOMME
+    )
 
 
 def homme_wave() -> Scene:
@@ -181,11 +177,11 @@ def homme_wave() -> Scene:
     beyond 8000 m with the square of the radius.
     """
     more = HOMME.radius / EARTH.radius
-
-    def change(lon: Array, lat: Array, u: Array, v: Array, h: Array) -> State:
-        return more * u, more * v, 8000.0 + more**2 * (h - 8000.0)
-
-    return _changed("williamson6", change, planet=HOMME)
+    return _changed(
+        "williamson6",
+        lambda lon, lat, u, v, h: (more * u, more * v, 8000.0 + more**2 * (h - 8000.0)),
+        planet=HOMME,
+    )
 
 
 def nondivergent_wave(depth: float) -> Scene:
@@ -194,12 +190,8 @@ def nondivergent_wave(depth: float) -> Scene:
     Without divergence the wave turns eastward at (28 ω - 2 Ω) / 30 and keeps its shape.
     """
     speed = (28.0 * 7.848e-6 - 2.0 * EARTH.rotation) / 30.0
-    base: Scene = get_scene("williamson6", depth=depth)
-
-    def exact(lon: Array, lat: Array, t: float) -> State:
-        return base.initial(lon - speed * t, lat)
-
-    return _starting(exact, base)
+    base = get_scene("williamson6", depth=depth)
+    return _starting(lambda lon, lat, t: base.initial(lon - speed * t, lat), base)
 
 
 def thin_flow(depth: float, alpha: float) -> Scene:
@@ -213,25 +205,23 @@ def thin_flow(depth: float, alpha: float) -> Scene:
         depth: of the layer [m].
         alpha: tilt of the axis of flow and of rotation [rad].
     """
-    base: Scene = get_scene("williamson2", alpha=alpha)
+    base = get_scene("williamson2", alpha=alpha)
 
     def exact(lon: Array, lat: Array, t: float) -> State:
         u, v, _ = base.initial(lon, lat)
         return u, v, depth + 0.0 * u
 
-    def bottom(lon: Array, lat: Array) -> Array:
-        return base.initial(lon, lat)[2]
-
-    return _starting(exact, base, bottom=bottom, effects=(*base.effects, Orography()))
+    return _starting(
+        exact, base, bottom=lambda *at: base.initial(*at)[2], effects=(*base.effects, Orography())
+    )
 
 
 def thin_layer(outside: float) -> Scene:
     """A dam of 1000 m that breaks onto water of another depth [m]."""
-
-    def change(lon: Array, lat: Array, u: Array, v: Array, h: Array) -> State:
-        return u, v, outside + (1000.0 - outside) * (h - 1000.0) / 1000.0
-
-    return _changed("dam-break", change)
+    return _changed(
+        "dam-break",
+        lambda lon, lat, u, v, h: (u, v, outside + (1000.0 - outside) * (h - 1000.0) / 1000.0),
+    )
 
 
 def noisy(name: str) -> Scene:
@@ -249,39 +239,35 @@ def noise(shape: tuple[int, ...], seed: int) -> Array:
     return np.random.Generator(np.random.PCG64(seed)).standard_normal((3, *shape))
 
 
-def mesa(lon: Array, lat: Array) -> Array:
-    """A mountain with vertical sides: 2000 m within 20 degrees of the centre of williamson5's."""
-    return np.where(distance(lon, lat, 1.5 * np.pi, np.pi / 6.0) < np.pi / 9.0, 2000.0, 0.0)
-
-
 Bottom = Literal["mesa", "peak", "island"]
 BOTTOMS: dict[str, Scalar] = {
-    "mesa": mesa,
+    "mesa": lambda lon, lat: np.where(
+        distance(lon, lat, 1.5 * np.pi, np.pi / 6.0) < np.pi / 9.0, 2000.0, 0.0
+    ),
     "peak": lambda lon, lat: 2.5 * cone(lon, lat),
     "island": lambda lon, lat: 3.5 * cone(lon, lat),
 }
-"""Bottoms by name: the peak of 5000 m is 960 m below the surface at rest, the island of 7000 m
-looks out of it."""
+"""Bottoms by name: the mesa, around the centre of the mountain of williamson5, has vertical sides;
+the peak of 5000 m is 960 m below the surface at rest, the island of 7000 m looks out of it."""
 
 
 def lake_over(bottom: Bottom) -> Scene:
     """The lake at rest over another bottom."""
     mountain = BOTTOMS[bottom]
-
-    def exact(lon: Array, lat: Array, t: float) -> State:
-        return 0.0 * lon, 0.0 * lat, 5960.0 - mountain(lon, lat)
-
-    return _starting(exact, get_scene("lake-at-rest"), bottom=mountain)
+    return _starting(
+        lambda lon, lat, t: (0.0 * lon, 0.0 * lat, 5960.0 - mountain(lon, lat)),
+        get_scene("lake-at-rest"), bottom=mountain,
+    )  # fmt: skip
 
 
 def flow_over(bottom: Bottom) -> Scene:
     """The flow of williamson5 over another bottom."""
     mountain = BOTTOMS[bottom]
-
-    def change(lon: Array, lat: Array, u: Array, v: Array, h: Array) -> State:
-        return u, v, h + cone(lon, lat) - mountain(lon, lat)
-
-    return _changed("williamson5", change, bottom=mountain)
+    return _changed(
+        "williamson5",
+        lambda lon, lat, u, v, h: (u, v, h + cone(lon, lat) - mountain(lon, lat)),
+        bottom=mountain,
+    )
 
 
 # --- other planets

@@ -17,7 +17,8 @@ from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Snapshot
 from swe_sphere.simulation.loop import Interruption
 from swe_sphere.simulation.observers import Observer, Ticker
 from swe_sphere.simulation.simulation import Simulation
-from swe_sphere.studies.ended import BREAKDOWNS, Ended, stepped
+from swe_sphere.simulation.summary import Summary
+from swe_sphere.studies.ended import BREAKDOWNS, stepped
 from swe_sphere.studies.record_store import Store
 from swe_sphere.studies.sweep.record import COUNTS, Errors, RunRecord, current
 from swe_sphere.studies.sweep.runs import Discretisation, History, Integrator, RunSpec
@@ -89,7 +90,7 @@ class Snapshots(Observer):
 
 def execute(
     spec: RunSpec, interruption: Interruption, time_limit: float | None, tick: Callable[[int], None]
-) -> tuple[Ended, History]:
+) -> tuple[Summary, History]:
     """Run to the end, or to where it fails; the steps alone are on the clock.
 
     Returns how it ended, with costs and, if it was completed, drifts and the user's own
@@ -103,28 +104,29 @@ def execute(
     try:
         sim = _begun(spec)
     except (ConfigError, RunFailed) as error:
-        return Ended("refused", in_one_line(error)), {}
+        return Summary("refused", in_one_line(error)), {}
     snapshots = Snapshots({round(day * DAY / spec.dt): day for day in spec.report_days})
     ended = stepped(sim, [snapshots, Ticker(tick)], time_limit, interruption)
     counts = sim.counts()
     if ended.completed and spec.role == "stability":
         ended = perturbed(spec, sim, interruption, time_limit)
-    ended.numbers = {
+    ended.numbers.update({
         **{name: counts.get(name, 0) for name in (*COUNTS, "setup_seconds")},
         "steps": sim.steps, "days": sim.steps * sim.plan.dt / DAY,
         "wall_seconds": sim.wall_seconds, "cpu_seconds": sim.cpu_seconds,
         "compile_seconds": sim.model.compile_seconds,
-    }  # fmt: skip
+    })  # fmt: skip
     if ended.completed:
         found = sim.diagnostics
-        ended.numbers |= {name: found[name] for name in (*DRIFTS, *DIAGNOSTICS) if name in found}
+        own = {name: found[name] for name in (*DRIFTS, *DIAGNOSTICS) if name in found}
+        ended.numbers.update(own)
     ended.numbers["total_seconds"] = time.perf_counter() - began
     return ended, snapshots.kept
 
 
 def perturbed(
     spec: RunSpec, sim: Simulation, interruption: Interruption, time_limit: float | None
-) -> Ended:
+) -> Summary:
     """Repeat a run from its initial state with noise; it is unstable where the noise grows.
 
     sim: the run, at its end.
@@ -147,7 +149,7 @@ def perturbed(
     growth, days = math.sqrt(squares[1] / squares[0]), sim.time / DAY
     if growth <= GROWN * math.exp(min(GROWTH_OF_FLOW * days, 600.0)):
         return ended
-    return Ended("unstable", f"noise has grown {growth:.3g} times in {days:.4g} days")
+    return Summary("unstable", f"noise has grown {growth:.3g} times in {days:.4g} days")
 
 
 def warm_up(spec: RunSpec) -> float:
@@ -256,7 +258,7 @@ class Runner:
         untold = dict.fromkeys(TIMES if self._jobs > 1 else ())
         record = RunRecord(
             key=spec.key, repeat=repeat, role=spec.role, config=spec.resolved,
-            status=ended.status, reason=ended.reason,
+            status=ended.status, reason=ended.reason or "",
             numbers=numbers | spec.integrator.space.limits | untold, errors=[],
             time_limit=self.time_limit, sources=self._sources | spec.integrator.sources,
             jobs=self._jobs,

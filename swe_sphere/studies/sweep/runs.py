@@ -233,21 +233,23 @@ class Integrator:
         return f"{method}, ne{config.ne} np{config.np} {config.precision}"
 
     @cached_property
-    def refusal(self) -> str | None:
-        """Why the stepper cannot run this scene, if it cannot."""
+    def _checked(self) -> tuple[dict[str, object], str | None]:
         try:
-            stepper_options(self.kind, self.config)
+            options = stepper_options(self.kind, self.config)
             _ = self.stable_dt
+            return options, None
         except ConfigError as error:
-            return in_one_line(error)
-        return None
+            return {"preconditioner": self.config.preconditioner}, in_one_line(error)
 
-    @cached_property
+    @property
     def options(self) -> dict[str, object]:
         """What the stepper is built with; as asked for where it cannot be."""
-        if self.refusal is not None:
-            return {"preconditioner": self.config.preconditioner}
-        return stepper_options(self.kind, self.config)
+        return self._checked[0]
+
+    @property
+    def refusal(self) -> str | None:
+        """Why the stepper cannot run this scene, if it cannot."""
+        return self._checked[1]
 
     @cached_property
     def sources(self) -> dict[str, str]:
