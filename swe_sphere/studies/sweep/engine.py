@@ -20,6 +20,7 @@ from swe_sphere.ranks.communicator import refuse_ranks
 from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.steppers import Stepper
 from swe_sphere.studies.jobs import in_processes
+from swe_sphere.studies.pages import prose
 from swe_sphere.studies.record_store import locked
 from swe_sphere.studies.sweep.errors import Evaluator
 from swe_sphere.studies.sweep.record import RunRecord, note_plan, runs_of, write_dataset
@@ -255,16 +256,9 @@ class Sweep:
 
         shortest, growth = min(guess, gravity) / 8.0, TRIAL_GROWTH[known]
         found = longest_working(works, guess, shortest, longest, growth)
-        if found is None:
-            told = "no step gets to the end"
-        elif found >= longest:
-            told = f"stable at every step up to {found:.4g} s"
-        else:
-            told = f"longest stable step {found:.4g} s, {found / gravity:.3g} gravity limits"
-        told += f" ({TRIAL_STEPS} steps and {max(study.days, TRIAL_DAYS):g} days at least;"
-        told += f" spectral limit {f'{limit:.4g} s' if known else 'none'})"
-        hurried = " (some trials ran out of time)" if "timed-out" in ends else ""
-        self._watcher.note(f"{integrator.label}: {told}{hurried}")
+        trial = TRIAL_STEPS, max(study.days, TRIAL_DAYS), limit if known else None
+        told = prose("stable_step", found, longest, gravity, *trial, "timed-out" in ends)
+        self._watcher.note(f"{integrator.label}: {told}")
 
     # --- the longest step with an error
 

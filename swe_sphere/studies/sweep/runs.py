@@ -347,24 +347,20 @@ def reference_files(
 
     Raises ConfigError for a file that cannot be read or is of no report day.
     """
-    if plan.reference:
-        return dict(_of_user(path, report_days) for path in plan.reference)
-    found = {day: shipped_solution(scene, day) for day in report_days}
-    return {day: path for day, path in found.items() if path is not None}
-
-
-def _of_user(path: Path, report_days: Sequence[float]) -> tuple[float, Path]:
-    time = Reference(path).nearest(None)
-    if time is None:
-        return report_days[-1], path
-    near = [day for day in report_days if abs(day * DAY - time) < 1.0]
-    if not near:
-        days = ", ".join(f"{day:g}" for day in report_days)
-        raise ConfigError(
-            f"reference: {path} is of day {time / DAY:g}, errors are taken at day {days}: add it to"
-            " report-days"
-        )
-    return near[0], path
+    shipped = {day: shipped_solution(scene, day) for day in report_days}
+    found = {} if plan.reference else {day: path for day, path in shipped.items() if path}
+    for path in plan.reference:
+        time = Reference(path).nearest(None)
+        time = report_days[-1] * DAY if time is None else time
+        near = [day for day in report_days if abs(day * DAY - time) < 1.0]
+        if not near:
+            days = ", ".join(f"{day:g}" for day in report_days)
+            raise ConfigError(
+                f"reference: {path} is of day {time / DAY:g}, errors are taken at day {days}: add"
+                " it to report-days"
+            )
+        found[near[0]] = path
+    return found
 
 
 def users_methods(steppers: Iterable[str], preconditioners: Iterable[str]) -> dict[str, str]:
