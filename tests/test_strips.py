@@ -54,15 +54,29 @@ def check(monkeypatch, *case, **options):
         np.testing.assert_array_equal(cut[name], values)
 
 
-@pytest.mark.parametrize("name", EXPLICIT)
-@pytest.mark.parametrize("precision", ["float64", "float32"])
+def thorough(*values):
+    """A case for the thorough tests: it compiles kernels that few other tests need."""
+    return pytest.param(*values, marks=pytest.mark.thorough)
+
+
+@pytest.mark.parametrize(
+    ("name", "precision"),
+    [
+        *((name, "float64") for name in EXPLICIT),
+        ("rk4", "float32"),
+        *(thorough(name, "float32") for name in EXPLICIT if name != "rk4"),
+    ],
+)
 def test_explicit_steps_have_the_same_bits(monkeypatch, waves, name, precision):
     """On a mesh whose elements do not fill whole groups."""
     check(monkeypatch, Mesh.build(5, 4), get_scene("williamson5"), name, precision=precision)
     assert waves
 
 
-@pytest.mark.parametrize("ne, points", [(1, 4), (1, 3), (2, 8), (3, 5), (7, 4), (9, 3), (2, 16)])
+@pytest.mark.parametrize(
+    "ne, points",
+    [(1, 4), thorough(1, 3), (2, 8), thorough(3, 5), (7, 4), thorough(9, 3), thorough(2, 16)],
+)
 @pytest.mark.parametrize("name", ["rk4", "forward-backward"])
 def test_meshes_of_all_shapes_have_the_same_bits(monkeypatch, ne, points, name):
     mesh = Mesh.build(ne, points, stretch=3.0, centre=(120.0, 40.0))

@@ -69,6 +69,7 @@ def test_constant_mixing_ratio_has_the_tendency_of_the_depth(mesh, effects, shap
     assert np.abs(rate["hq_wave"] - rate["h"]).max() > 1e-3 * np.abs(rate["h"]).max()
 
 
+@pytest.mark.thorough
 def test_four_tracers_diffuse_alike_in_both_launch_shapes(mesh) -> None:
     """Fluxes of a thread a node have room apart from what elements leave of four fields."""
     formulas = {f"q{k}": lambda lon, lat, k=k: k + wave(lon, lat) for k in range(4)}
@@ -108,7 +109,7 @@ def test_diffusion_of_tracers_vanishes_for_an_even_surface_and_an_even_ratio(mes
     assert mesh.area @ rate[3] == pytest.approx(0.0, abs=1e-12 * mesh.area @ np.abs(rate[3]))
 
 
-@pytest.mark.parametrize("shape", ["element", "node"])
+@pytest.mark.parametrize("shape", ["element", pytest.param("node", marks=pytest.mark.thorough)])
 @pytest.mark.parametrize(
     "effects", [FLOW, ("wind", "viscosity"), (*FLOW, "viscosity", "hyperviscosity")], ids=" ".join
 )
