@@ -276,7 +276,15 @@ def test_a_store_may_have_any_name(run, tmp_path):
     assert regrid_file(tmp_path / "store", "latlon:4x4", tmp_path / "grid.nc").exists()
 
 
-@pytest.mark.parametrize("grid", ["latlon:4x4", "latlon:2x4", "latlon:3x4", "gaussian:1"])
+@pytest.mark.parametrize(
+    "grid",
+    [
+        pytest.param("latlon:4x4", marks=pytest.mark.thorough),
+        "latlon:2x4",
+        pytest.param("latlon:3x4", marks=pytest.mark.thorough),
+        "gaussian:1",
+    ],
+)
 def test_the_smallest_grids_are_drawn(run, tmp_path, grid):
     path = regrid_file(run, grid, tmp_path / "grid.nc", fields=["h"])
     assert plot_file(path, "h", out=tmp_path / "h.png").stat().st_size > 10_000

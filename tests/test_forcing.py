@@ -50,7 +50,7 @@ def test_forcing_is_not_asked_for_before_the_start(name: str) -> None:
         times.append(t)
         return 1e-5 * np.cos(lat) * np.sqrt(t / 3600.0), 0.0 * lat, 0.0 * lat
 
-    scene = replace(make_scene("pressure", "forcing"), forcing=forcing)
+    scene = replace(make_scene(*DYNAMICS, "forcing"), forcing=forcing)
     advance(name, made := Model(MESH, scene), made.initial_state(), 300.0, 600.0)
     assert min(times) == 0.0 and len(set(times)) > 1
 

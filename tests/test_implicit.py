@@ -35,6 +35,17 @@ SOLVES = {
 }
 """Nonlinear solves a step."""
 ALL = (*SOLVES, *EXPONENTIAL)
+QUICK = ("bdf2", "tr-bdf2", "gauss-legendre", "average-vector-field", "epi2")
+"""One of each class of implementation; the thorough tests take all others too."""
+
+
+def some(names):
+    """Names as cases: those that are not in `QUICK` for the thorough tests."""
+    return [
+        name if name in QUICK else pytest.param(name, marks=pytest.mark.thorough) for name in names
+    ]
+
+
 SHAPES = ("element", "node")
 
 
@@ -197,7 +208,7 @@ def test_restart_is_exact_to_the_last_bit(name: str) -> None:
             assert value.tobytes() == memories[-1][key].tobytes(), key
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", some(ALL))
 def test_step_in_two_halves_is_two_steps_of_half_the_size(
     small_mountain, monkeypatch, name: str
 ) -> None:
@@ -235,7 +246,7 @@ def test_a_step_given_up_leaves_the_state_of_its_start(
     assert np.array_equal(stepper.state.numpy(), start)
 
 
-@pytest.mark.parametrize("name", SOLVES)
+@pytest.mark.parametrize("name", some(SOLVES))
 def test_solves_that_cannot_converge_are_taken_in_parts(small_mountain, name: str) -> None:
     """With two Newton iterations allowed, a step of a day fails and its parts do not."""
     stepper = STEPPERS[name](small_mountain, DAY, tolerance=1e-4)
@@ -248,7 +259,7 @@ def test_solves_that_cannot_converge_are_taken_in_parts(small_mountain, name: st
     assert relative(stepper.state.numpy(), fine.numpy(), 3) < 0.5
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", some(ALL))
 def test_hopeless_steps_end_the_run_with_one_line(name: str) -> None:
     """A fluid whose depth is negative somewhere has no gravity waves but an explosion."""
     base = get_scene("williamson2")
@@ -266,7 +277,7 @@ def test_hopeless_steps_end_the_run_with_one_line(name: str) -> None:
     assert stepper.counters["rejected_steps"] == 7
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", some(ALL))
 def test_starting_again_forgets_the_past(small_mountain, name: str) -> None:
     """Set-ups of a preconditioner too, even when they would still serve."""
     state = small_mountain.initial_state().numpy()
@@ -300,7 +311,7 @@ def test_jacobian_of_coupled_stages_is_exact(small_mountain) -> None:
     assert relative(product, 0.5 * (sides[0] - sides[1]), 6) < 1e-9
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", some(ALL))
 def test_iterations_are_the_same_on_another_planet(small_mountain, name: str) -> None:
     """Lengths times 0.03, times times 0.7: the same flow, as the solver should see it."""
     length, time = 0.03, 0.7
@@ -348,7 +359,7 @@ def test_all_notice_states_that_are_not_numbers(small_mountain, name: str) -> No
         stepper.step()
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", some(ALL))
 def test_tolerance_zero_solves_to_round_off(small_mountain, name: str) -> None:
     exact, tight = (
         advance(name, small_mountain, HOUR, 3, tolerance=tolerance).state.numpy()
@@ -365,7 +376,7 @@ def test_tolerances_out_of_range_are_refused(small_mountain) -> None:
                 STEPPERS[name](small_mountain, HOUR, tolerance=tolerance)
 
 
-@pytest.mark.parametrize("name", SOLVES)
+@pytest.mark.parametrize("name", some(SOLVES))
 def test_prescribed_wind_takes_one_newton_iteration_a_solve(name: str) -> None:
     model = Model(Mesh.build(2, 4), get_scene("williamson1"))
     stepper = advance(name, model, HOUR, 5, tolerance=1e-6)

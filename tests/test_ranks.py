@@ -173,7 +173,7 @@ MODES = {
     5: {"plain": SOME, "small-basis": LONG},
 }
 """By number of ranks: what they do, all of it once they have been started, which takes longer."""
-FEW = [EXPLICIT[0], *SUMMING[1:3]]
+FEW = [EXPLICIT[0], SUMMING[2]]
 """What three ranks do for the tests that are not thorough."""
 
 
@@ -335,7 +335,11 @@ def test_a_run_begun_on_two_ranks_goes_on_on_one_and_on_three(mpi, tmp_path):
     ("arguments", "said"),
     [
         (["--ne", 1, "--ranks", 7], "6 ranks at the most"),
-        (["--ne", 2, "--dt", 40000, "--days", 5, "--ranks", 2], "take a smaller dt"),
+        pytest.param(
+            ["--ne", 2, "--dt", 40000, "--days", 5, "--ranks", 2],
+            "take a smaller dt",
+            marks=pytest.mark.thorough,
+        ),
     ],
 )
 def test_ranks_that_fail_say_so_in_one_line(mpi, arguments, said):
@@ -590,6 +594,7 @@ def test_one_rank_may_have_jobs(mpi):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are found in /proc")
+@pytest.mark.thorough
 def test_a_rank_that_was_killed_is_named(mpi, tmp_path):
     out = tmp_path / "run.nc"
     run = ["run", "williamson5", "--ne=2", "--dt=60", "--days=20000", "--every=1", "--ranks=2"]

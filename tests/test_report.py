@@ -127,6 +127,7 @@ def test_the_page_begins_with_a_sentence_and_one_table(text):
     assert body.count("<img") == 2
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_html_and_markdown_say_the_same(dataset, text, tmp_path):
     (ranked,) = sweep_rankings(dataset)
     write_report(dataset, tmp_path, recipe=Recipe("Steps", ()))
@@ -143,6 +144,7 @@ def test_the_page_tells_how_it_was_made_and_what_to_doubt(text):
         assert part in text, part
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_pages_are_known_as_those_of_sweeps(folder, dataset, tmp_path):
     """By what `swe-sphere sweep` looks for before it replaces one."""
     assert MARK in (folder / REPORT).read_text(encoding="utf-8")[:200]
@@ -159,20 +161,19 @@ def test_figures_lie_beside_the_page(folder):
         assert path.stat().st_size < 60_000
 
 
-def test_a_figure_that_no_sweep_has_made_is_not_replaced(folder, dataset, tmp_path):
+@pytest.mark.usefixtures("blank_figures")
+def test_a_figure_that_no_sweep_has_made_is_not_replaced(dataset, tmp_path):
     """Also beside a page of a sweep; figures of earlier versions, without a mark, are replaced."""
-    figure = next(folder.glob("*.svg"))
-    for old in (figure.read_text().replace(f"{MARK}\n", ""), figure.read_text()):
-        (tmp_path / figure.name).write_text(old)
-        (tmp_path / "index.html").write_text((folder / "index.html").read_text())
-        write_report(dataset, tmp_path)
-        assert (tmp_path / figure.name).read_bytes() == figure.read_bytes()
-    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    (tmp_path / figure.name).write_text("<svg>mine</svg>")
+    folder = write_report(dataset, tmp_path).parent
+    page, figure = folder / "index.html", next(folder.glob("*.svg"))
+    whole, shown = figure.read_text(), page.read_bytes()
+    figure.write_text(whole.replace(f"{MARK}\n", ""))
+    write_report(dataset, tmp_path)
+    assert figure.read_text() == whole and MARK in whole
+    figure.write_text("<svg>mine</svg>")
     with pytest.raises(ConfigError, match=rf"{figure.name} is of no sweep, and would be replaced"):
-        write_report(dataset.isel(run=[3]), tmp_path)
-    assert (tmp_path / figure.name).read_text() == "<svg>mine</svg>"
-    assert all(path.read_bytes() == old for path, old in before.items() if path.stem == "index")
+        write_report(dataset, tmp_path, title="another")
+    assert figure.read_text() == "<svg>mine</svg>" and page.read_bytes() == shown
 
 
 def test_a_figure_is_the_same_bytes_each_time(dataset):
@@ -234,9 +235,10 @@ def test_the_meshes_of_a_dataset_are_told_apart(tmp_path):
 def test_a_folder_that_cannot_be_made_is_one_clear_line(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match="cannot write the report to"):
-        write_report(make_sweep(), tmp_path / "file")
+        write_report(make_sweep({}), tmp_path / "file")
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_the_page_of_the_documentation(dataset, tmp_path):
     recipe = Recipe("Steps", (), "Made by a command.", {"williamson5": "What differs."})
     runs = dataset.isel(run=[3, 4, 8, 15, 16, 34, 35])

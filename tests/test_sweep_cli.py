@@ -88,6 +88,7 @@ def test_a_grid_ends_with_its_table_and_page(swe, tmp_path):
     }  # fmt: skip
 
 
+@pytest.mark.thorough
 def test_meshes_and_solvers_are_told_apart(swe):
     options = ("--preconditioner", "none,helmholtz", "--precision", "float64,float32")
     status, out, _ = swe("lauter", "--steppers", "bdf2", "--dt", "7200", *TINY, *options)
@@ -182,6 +183,7 @@ def test_a_recipe_of_several_scenes_has_a_folder_for_each(swe, tmp_path):
     assert swe("lauter", *recipe, "--quiet")[0] == 0
 
 
+@pytest.mark.thorough
 def test_the_quick_recipe_runs_when_it_is_cut_short(swe):
     status, out, _ = swe("--recipe", "quick", "--ne", 2, "--np", 4, "--days", 0.25,
                          "--levels", 1, "--repeats", 1, "--out", "d")  # fmt: skip
