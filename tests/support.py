@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from swe_sphere.equations.effects import (
     Drag,
@@ -41,6 +42,22 @@ EFFECTS = {
     "viscosity": Viscosity(1e6),
     "hyperviscosity": Hyperviscosity(1e18),
 }
+
+
+QUICK = (
+    "semi-implicit", "bdf2", "tr-bdf2", "gauss-legendre", "average-vector-field", "epi2",
+)  # fmt: skip
+"""One of each class of implementation; the thorough tests take all others too."""
+
+
+def thorough(*values):
+    """A case for the thorough tests only."""
+    return pytest.param(*values, marks=pytest.mark.thorough)
+
+
+def some(names):
+    """Names as cases: those that are not in `QUICK` for the thorough tests."""
+    return [name if name in QUICK else thorough(name) for name in names]
 
 
 def make_scene(*names: str) -> Scene:

@@ -172,6 +172,7 @@ def test_other_steppers_have_it_in_their_stages(name: str) -> None:
         np.testing.assert_array_equal(adaptive.state.numpy(), twin.state.numpy())
 
 
+@pytest.mark.thorough
 def test_apart_it_costs_an_implicit_stepper_no_iterations() -> None:
     """Counts are those without it; taken whole, which the preconditioner knows, half again."""
     mesh, plain = Mesh.build(4, 4), get_scene("williamson5")

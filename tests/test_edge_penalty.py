@@ -224,7 +224,7 @@ def test_a_long_run_without_dissipation_warns_of_computational_modes():
 
 
 def test_the_penalty_acts_once_in_a_cycle_that_limits_no_step():
-    mesh = Mesh.build(3, 5)
+    mesh = Mesh.build(3, 4)
     scene = get_scene("williamson5")
     plain, model = Model(mesh, scene), Model(mesh, scene.with_effect(EdgePenalty()))
     for name in ("rk4", "forward-backward", "leapfrog", "semi-implicit"):

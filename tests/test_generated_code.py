@@ -138,7 +138,7 @@ def test_only_the_named_effects_are_compiled(effects, shape) -> None:
     assert code.branches == 0
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", ["element", pytest.param("node", marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("effect", ["advection", "rotation", "orography", "viscosity"])
 def test_each_effect_costs_loads_and_arithmetic_only_where_it_is(effect: str, shape: str) -> None:
     all_of_them = ("advection", "pressure", "rotation", "orography", "viscosity")

@@ -162,7 +162,7 @@ def test_user_defined_effects_may_add_energy_and_the_user_may_limit_it():
     assert calm.status == "unstable"
 
 
-@pytest.mark.parametrize("stepper", ["rk4", "tr-bdf2"])
+@pytest.mark.parametrize("stepper", ["rk4", pytest.param("tr-bdf2", marks=pytest.mark.thorough)])
 def test_effects_that_wrongly_declare_to_conserve_mass_are_refused(stepper):
     scene = replace(basin(), effects=(*basin().effects, FalseRain(1e-7)))
     summary = Simulation(scene, **SMALL, stepper=stepper).run(days=0.1)
@@ -184,7 +184,7 @@ def test_no_depth_anywhere_is_refused():
 
 
 @pytest.mark.parametrize("stepper", ["rk4", "tr-bdf2", "bdf2", "semi-implicit", "epi3"])
-@pytest.mark.parametrize("step", [1, 4])
+@pytest.mark.parametrize("step", [pytest.param(1, marks=pytest.mark.thorough), 4])
 def test_a_callback_that_spoils_the_state_ends_the_run(stepper, step, tmp_path):
     """A fault in the last step ends the run too, and all earlier frames are kept."""
     seen = []

@@ -8,7 +8,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from support import EXPONENTIAL, make_scene, random_state, relative
+from support import EXPONENTIAL, make_scene, random_state, relative, some
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from swe_sphere.equations.effects import EFFECTS as ALL_EFFECTS
@@ -35,17 +35,6 @@ SOLVES = {
 }
 """Nonlinear solves a step."""
 ALL = (*SOLVES, *EXPONENTIAL)
-QUICK = ("bdf2", "tr-bdf2", "gauss-legendre", "average-vector-field", "epi2")
-"""One of each class of implementation; the thorough tests take all others too."""
-
-
-def some(names):
-    """Names as cases: those that are not in `QUICK` for the thorough tests."""
-    return [
-        name if name in QUICK else pytest.param(name, marks=pytest.mark.thorough) for name in names
-    ]
-
-
 SHAPES = ("element", "node")
 
 
@@ -349,7 +338,7 @@ def test_solves_that_never_converge_end_the_run_with_their_reason(small_mountain
         stepper.step()
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", some(ALL))
 def test_all_notice_states_that_are_not_numbers(small_mountain, name: str) -> None:
     state = small_mountain.initial_state().numpy().copy()
     state[3] = np.nan

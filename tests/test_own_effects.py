@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import warp as wp
 from manufactured import tight
-from support import advance, make_scene, random_state, relative, tangent, tendency
+from support import advance, make_scene, random_state, relative, tangent, tendency, thorough
 from test_generated_code import code_of
 
 from swe_sphere.cli.main import main
@@ -150,8 +150,8 @@ def test_own_drag_is_the_drag_of_the_package(path: Path, shape: str, precision: 
     assert relative(*(tangent(model, state, direction) for model in models), 3) < bound
 
 
-@pytest.mark.parametrize("shape", ["element", pytest.param("node", marks=pytest.mark.thorough)])
-@pytest.mark.parametrize("stepper", ["rk4", "ark2", "tr-bdf2"])
+@pytest.mark.parametrize("shape", ["element", thorough("node")])
+@pytest.mark.parametrize("stepper", ["rk4", thorough("ark2"), thorough("tr-bdf2")])
 def test_steppers_take_it_as_they_take_the_package_s_own(path: Path, stepper: str, shape) -> None:
     """To round-off, in as many iterations."""
     ends = []
@@ -353,7 +353,7 @@ class Slowing(PointwiseEffect):
         return -RATES[0, 0] * u, slowed(v)
 
 
-@pytest.mark.parametrize("shape", ["element", "node"])
+@pytest.mark.parametrize("shape", ["element", thorough("node")])
 def test_a_constant_around_a_formula_may_change(monkeypatch, shape):
     """As in a notebook, one cell of which is run again: no kernel with the old one is taken."""
     scene = get_scene("williamson5")

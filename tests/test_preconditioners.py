@@ -85,7 +85,7 @@ class Newton:
 newton = functools.cache(Newton)
 
 
-@pytest.mark.parametrize("ne", [8, 16, 32])
+@pytest.mark.parametrize("ne", [8, 16, pytest.param(32, marks=pytest.mark.thorough)])
 def test_helmholtz_needs_few_iterations(ne: int) -> None:
     counts = newton(ne).counts("helmholtz")
     assert all(mine <= most for mine, most in zip(counts, (3, 4, 6, 10), strict=True)), counts

@@ -147,6 +147,7 @@ def test_every_combination_of_a_recipe_has_a_folder(small_map) -> None:
     }  # fmt: skip
 
 
+@pytest.mark.thorough
 def test_every_target_is_searched_for_and_timed(small_map) -> None:
     for path in (small_map / "out").glob("*/runs"):
         runs = [run for run in runs_of(path.parent).records if run.role == "target"]
@@ -158,6 +159,7 @@ def test_every_target_is_searched_for_and_timed(small_map) -> None:
         assert any(3e-3 < error <= 1e-2 for error in errors.values())
 
 
+@pytest.mark.thorough
 def test_the_page_tells_the_numbers_of_the_map_and_nothing_is_run_again(small_map) -> None:
     page = (small_map / "out" / "README.md").read_text()
     runs = sorted((small_map / "out").glob("*/runs/*"))

@@ -38,7 +38,9 @@ WAVES = ("advection", "pressure", "rotation", "orography")
 # --- the linear operator and its inverse
 
 
-@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize(
+    "precision", ["float64", pytest.param("float32", marks=pytest.mark.thorough)]
+)
 def test_operator_against_sparse_matrices(small_mesh, precision: str) -> None:
     model = Model(small_mesh, make_scene(*WAVES), precision=precision)
     waves, out = GravityWaves(model), model.zeros()

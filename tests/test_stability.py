@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support import EXPLICIT, make_scene, random_state
+from support import EXPLICIT, make_scene, random_state, thorough
 
 from swe_sphere.equations.effects import Drag, Viscosity
 from swe_sphere.equations.model import Model
@@ -46,7 +46,7 @@ def states(model: Model) -> dict[str, np.ndarray]:
     return {"rest": rest, "flow": flow}
 
 
-@pytest.mark.parametrize(("ne", "np_"), [(1, 3), (1, 4), (2, 3), (2, 4)])
+@pytest.mark.parametrize(("ne", "np_"), [(1, 3), (1, 4), thorough(2, 3), thorough(2, 4)])
 @pytest.mark.parametrize("kind", ["rest", "flow"])
 def test_wave_spectrum_against_dense_eigenvalues(ne: int, np_: int, kind: str) -> None:
     model = Model(Mesh.build(ne, np_), make_scene(*WAVES))
@@ -56,7 +56,7 @@ def test_wave_spectrum_against_dense_eigenvalues(ne: int, np_: int, kind: str) -
     assert model.spectrum(state).wave == pytest.approx(exact, rel=0.02)
 
 
-@pytest.mark.parametrize("effect", ["viscosity", "hyperviscosity"])
+@pytest.mark.parametrize("effect", [thorough("viscosity"), "hyperviscosity"])
 def test_dissipation_spectrum_against_dense_eigenvalues(effect: str) -> None:
     model = Model(Mesh.build(2, 3), make_scene(*WAVES, effect))
     state = model.device_mesh.upload(states(model)["flow"])

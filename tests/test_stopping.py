@@ -72,7 +72,7 @@ def interrupt():
 
 
 @pytest.mark.parametrize("kind", [*LONG])
-@pytest.mark.parametrize("count", [3, 25])
+@pytest.mark.parametrize("count", [pytest.param(3, marks=pytest.mark.thorough), 25])
 def test_ctrl_c_within_a_step_is_heard_there_and_loses_nothing(tmp_path, monkeypatch, kind, count):
     out, whole = tmp_path / "run.nc", tmp_path / "whole.nc"
     small(**LONG[kind]).run(days=1.0, every=12.0, out=whole)

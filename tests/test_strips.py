@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
+from support import thorough
 
 from swe_sphere import Mesh, Simulation
 from swe_sphere.equations.effects import EdgePenalty, Hyperviscosity, Tracers
@@ -52,11 +53,6 @@ def check(monkeypatch, *case, **options):
     for name, values in plain.items():
         assert np.isfinite(values).all()
         np.testing.assert_array_equal(cut[name], values)
-
-
-def thorough(*values):
-    """A case for the thorough tests: it compiles kernels that few other tests need."""
-    return pytest.param(*values, marks=pytest.mark.thorough)
 
 
 @pytest.mark.parametrize(
