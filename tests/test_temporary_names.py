@@ -1,5 +1,6 @@
 """Temporary files: nobody can predict their names, and only those of this program are removed."""
 
+import json
 import os
 import secrets
 import subprocess
@@ -7,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError, RunFailed
@@ -229,3 +231,35 @@ def test_names_that_the_system_refuses_are_clear_errors_in_python():
         Simulation.from_checkpoint(name)
     with pytest.raises(RunFailed, match="File name too long"):
         small().checkpoint(name)
+
+
+TINY = ("--ne=2", "--np=4", "--quiet")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("run", "williamson2", *TINY, "--days=2", "--every=1", "--out=one.nc"),
+        ("run", "williamson2", *TINY, "--days=2", "--every=1", "--out=one.zarr"),
+        ("sweep", "lauter", *TINY, "--days=0.25", "--steppers=rk4", "--dt=3600", "--out=one"),
+    ],
+)
+@pytest.mark.thorough
+def test_of_two_programs_at_one_place_one_is_refused_or_comes_later(tmp_path, command):
+    programs = [
+        subprocess.Popen(
+            [sys.executable, "-m", "swe_sphere", *command], cwd=tmp_path, text=True,
+            stderr=subprocess.PIPE,
+        )
+        for _ in range(2)
+    ]  # fmt: skip
+    ends = sorted((program.communicate(timeout=600)[1], program.returncode) for program in programs)
+    assert ends[0] == ("", 0)
+    assert ends[1] == ("", 0) or (ends[1][1] == 2 and ends[1][0].count("\n") == 1)
+    if command[0] == "run":
+        with xr.open_dataset(tmp_path / command[-1].removeprefix("--out=")) as found:
+            assert found.sizes["time"] == 49 and np.isfinite(found["h"]).all()
+            assert json.loads(found.attrs["summary"])["completed"]
+    else:
+        assert (xr.load_dataset(tmp_path / "one" / "sweep.nc")["status"] == "completed").all()
+    assert not [*tmp_path.rglob("*.part*")]
