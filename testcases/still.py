@@ -13,10 +13,6 @@ from swe_sphere.testcases.flows import cone as conical_mountain
 CENTRE = (1.5 * np.pi, 0.0)
 """Longitude and latitude of the splash and of the dam [rad]."""
 STILL = Planet(EARTH.radius, EARTH.gravity, 0.0)
-WIND = 40.0
-"""Speed at the equator of the air at rest among the stars, seen from the turning frame [m s-1]."""
-BUMPS = ((0.2, 1.0 / 3.0, 10.0), (1.2, 0.2, 80.0), (1.6, -0.25, 360.0))
-"""Longitude and latitude [π rad] and sharpness [rad-2] of each bump."""
 
 
 def lake_at_rest(cone: bool = True, rotating: bool = True) -> Scene:
@@ -67,15 +63,15 @@ def splash(rotating: bool = False) -> Scene:
             bottom g b = (40 m/s sin θ)²/2 that stands for the centrifugal force. Depths are those
             of the still frame, turned eastward.
     """
-    spin = WIND / EARTH.radius
+    wind = 40.0  # at the equator, of air at rest among the stars, seen from the turning frame
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
         within = np.minimum(3.0 * distance(lon, lat, *CENTRE), 1.0)
         depth = 2000.0 + 500.0 * (1.0 + np.cos(np.pi * within))
-        return (WIND * np.cos(lat) if rotating else 0.0 * lat), 0.0 * lat, depth
+        return (wind * np.cos(lat) if rotating else 0.0 * lat), 0.0 * lat, depth
 
     def centrifugal(lon: Array, lat: Array) -> Array:
-        return (WIND * np.sin(lat)) ** 2 / (2.0 * EARTH.gravity) + 0.0 * lon
+        return (wind * np.sin(lat)) ** 2 / (2.0 * EARTH.gravity) + 0.0 * lon
 
     return build_scene(
         "splash",
@@ -83,7 +79,7 @@ def splash(rotating: bool = False) -> Scene:
         effects=(*DYNAMICS, *((Rotation(), Orography()) if rotating else ())),
         initial=initial,
         bottom=centrifugal if rotating else None,
-        planet=Planet(EARTH.radius, EARTH.gravity, -spin) if rotating else STILL,
+        planet=Planet(EARTH.radius, EARTH.gravity, -wind / EARTH.radius) if rotating else STILL,
     )
 
 
@@ -94,10 +90,11 @@ def gravity_bumps() -> Scene:
     (1.2π, π/5) and 360 at (1.6π, -π/4).
     """
 
+    bumps = ((0.2, 1.0 / 3.0, 10.0), (1.2, 0.2, 80.0), (1.6, -0.25, 360.0))
+
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        distances = (distance(lon, lat, np.pi * x, np.pi * y) for x, y, _ in BUMPS)
-        bumps = (np.exp(-w * d**2) for d, (_, _, w) in zip(distances, BUMPS, strict=True))
-        return 0.0 * lon, 0.0 * lat, 1e4 + 1000.0 * sum(bumps, start=0.0 * lat)
+        heaps = (np.exp(-w * distance(lon, lat, np.pi * x, np.pi * y) ** 2) for x, y, w in bumps)
+        return 0.0 * lon, 0.0 * lat, 1e4 + 1000.0 * sum(heaps, start=0.0 * lat)
 
     return build_scene("gravity-bumps", effects=(*DYNAMICS, Rotation()), initial=initial)
 

@@ -44,8 +44,6 @@ DEGREE = 42
 """Highest degree of the synthetic state, that of the paper's analyses."""
 KNOWN = tomllib.loads(Path(__file__).with_name("analyses.toml").read_text("utf-8"))
 """Names of variables and of their units, and factors that take pressures to Pa."""
-LEAST = 8
-"""Smallest number of latitudes and of longitudes."""
 
 
 def williamson7(
@@ -196,8 +194,8 @@ def _variable(dataset: Any, ours: str) -> Any:
 def _axis(dataset: Any, ours: str) -> tuple[Any, Array]:
     """Return the variable of latitudes or longitudes, and its values [degrees]."""
     variable = _variable(dataset, ours)
-    if variable.ndim != 1 or variable.size < LEAST:
-        raise ConfigError(f"{variable.name} must have one dimension and at least {LEAST} values")
+    if variable.ndim != 1 or variable.size < 8:
+        raise ConfigError(f"{variable.name} must have one dimension and at least 8 values")
     units = getattr(variable, "units", "degrees")
     if not units.startswith("degree"):
         raise ConfigError(f"{variable.name} must be in degrees, not in {units!r}")

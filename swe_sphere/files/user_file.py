@@ -80,7 +80,8 @@ def users_code(what: str = "") -> Iterator[None]:
         theirs = [frame for frame in frames if frame.filename in _LOADED]
         if not (what or theirs):
             raise
-        others = [f for f in frames if not f.filename.startswith((OURS, "<frozen "))]
+        ours = f"{Path(__file__).parents[1]}{os.sep}", "<frozen "
+        others = [f for f in frames if not f.filename.startswith(ours)]
         last = theirs or [f for f in others if f.filename == others[0].filename]
         name, place = what, ""
         for frame in last[-1:]:
@@ -91,8 +92,6 @@ def users_code(what: str = "") -> Iterator[None]:
 
 P = ParamSpec("P")
 R = TypeVar("R")
-
-OURS = f"{Path(__file__).parents[1]}{os.sep}"
 
 
 def guarded(what: str, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:

@@ -69,8 +69,6 @@ CHUNKS = 512
 """Approximate number of chunks of a mesh, which are dealt out to ranks and summed up one by one."""
 MOST = 4 * BLOCK
 """Most elements of a chunk: meshes from ne 74 on have more than CHUNKS chunks."""
-LARGE = 64
-"""Blocks of elements from which on chunks are whole blocks: kernels are faster on them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +113,7 @@ class Part:
 def pieces(ne: int) -> tuple[int, int]:
     """Return the number of chunks of a mesh of 6 ne^2 elements, and the elements of a chunk."""
     elements = 6 * max(ne, 1) ** 2
-    block = BLOCK if elements >= LARGE * BLOCK else 1
+    block = BLOCK if elements >= 64 * BLOCK else 1  # kernels are faster on whole blocks
     each = min(block * -(-elements // (CHUNKS * block)), MOST)
     return -(-elements // each), each
 

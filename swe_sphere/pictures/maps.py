@@ -23,8 +23,6 @@ from swe_sphere.mesh.sphere import frame, longitude_latitude, position
 from swe_sphere.pictures.look import POLAR, Look
 from swe_sphere.planet import EARTH
 
-LONGEST = 1.2
-"""Length of the longest arrow, in units of the spacing of the arrows."""
 APART = (60.0, 30.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05)
 """Spacings of the meridians [degrees]: the widest that gives four of them is drawn."""
 GLOBE = crs.Globe(ellipse=None, semimajor_axis=EARTH.radius, semiminor_axis=EARTH.radius)
@@ -168,7 +166,7 @@ def draw_winds(axes: GeoAxes, mesh: Mesh, fields: dict[str, Array], how: str) ->
         axes.quiver(
             grid.x[shown], grid.y[shown], along[shown], up[shown], units="width", width=0.0011,
             headwidth=4.0, color="0.1", zorder=4, scale_units="xy", pivot="mid", angles="xy",
-            scale=strongest / (LONGEST * apart),
+            scale=strongest / (1.2 * apart),
         )  # fmt: skip
     else:
         # of matplotlib, as cartopy would interpolate the wind to another grid
