@@ -67,10 +67,10 @@ def combine_rows(
 
 
 @kernel
-def axpby(a: wp.float64, x: vector, b: wp.float64, y: vector):
-    """y = a x + b y."""
+def axpby(a: wp.float64, x: vector, b: wp.float64, y: vector, out: vector):
+    """out = a x + b y; `out` may be one of them."""
     i = wp.tid()
-    y[i] = real(a) * x[i] + real(b) * y[i]
+    out[i] = real(a) * x[i] + real(b) * y[i]
 
 
 @kernel

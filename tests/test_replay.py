@@ -74,7 +74,7 @@ def test_recorded_steps_are_the_same_bit_by_bit(plain, name, monkeypatch):
 def test_what_is_no_launch_is_done_between_pieces_of_a_recording(plain):
     """Each time it is launched, and not while it is recorded."""
     x, seen = wp.zeros(1, dtype=wp.float64, device="cpu"), []
-    replay, one = Replay(plain.launch), [wp.float64(1.0), wp.ones_like(x), wp.float64(1.0), x]
+    replay, one = Replay(plain.launch), [wp.float64(1.0), wp.ones_like(x), wp.float64(1.0), x, x]
 
     def twice_with_a_look():
         plain.launch(specialise(axpby, wp.float64), 1, *one)
@@ -151,7 +151,7 @@ def test_a_class_with_steps_of_its_own_says_whether_they_repeat():
 def test_a_replay_inside_a_recording_is_part_of_it(plain, monkeypatch):
     """Its launches are made, and counted, once for each call of the outer one."""
     x, counters = wp.zeros(1, dtype=wp.float64, device="cpu"), {"blocks": 0}
-    launched, one = graphs(monkeypatch), [wp.float64(1.0), wp.ones_like(x), wp.float64(1.0), x]
+    launched, one = graphs(monkeypatch), [wp.float64(1.0), wp.ones_like(x), wp.float64(1.0), x, x]
     outer, inner = Replay(plain.launch, counters), Replay(plain.launch)
 
     def add_one():

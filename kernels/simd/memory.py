@@ -8,7 +8,9 @@ such a node vector has the complement of its first number in the first place, wh
 import functools
 from typing import Any
 
+import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from swe_sphere.kernels.define import Name, Register, index, kernel, value, vector
 
@@ -71,13 +73,13 @@ def _load_nodes(register: Register, given: Any) -> Any:
         return as_value(r);
     """
     if given is not register.real:
-        code = """
+        code = f"""
             const auto at = x.data + offset;
-            const auto first = ~node.c[0];
-            value v;
-            for (int i = 0; i < lanes; ++i)
-                v.c[i] = number(first >= 0 ? at[first + i] : at[node.c[i]]);
-            return v;
+            typedef wp::{given.__name__} other;
+            typedef other others __attribute__((ext_vector_type({lanes}), aligned(sizeof(other))));
+            const others r = node.c[0] < 0 ? *reinterpret_cast<const others*>(at + ~node.c[0])
+                : others{{{", ".join(f"at[node.c[{lane}]]" for lane in range(lanes))}}};
+            return as_value(__builtin_convertvector(r, run));
         """
 
     @Register.func_native(code if lanes > 1 else "return number(x.data[offset + node]);")
@@ -86,10 +88,91 @@ def _load_nodes(register: Register, given: Any) -> Any:
     return load_nodes.find(register)
 
 
+@functools.cache
+def _load_runs(register: Register) -> Any:
+    lanes = [*range(register.lanes)]
+
+    @Register.func_native(f"""
+        const auto at = x.data;
+        run r;
+        if (node.c[0] < 0) {{
+            const run first = *runs(at + ~node.c[0]), second = *runs(at + node.c[1]);
+            typedef decltype(first < second) places;
+            r = places{{{", ".join(map(str, lanes))}}} < places(node.c[2]) ? first : second;
+        }} else
+            r = run{{{", ".join(f"at[node.c[{lane}]]" for lane in lanes)}}};
+        return as_value(r);
+    """ if len(lanes) > 1 else "return x.data[node];")  # fmt: skip
+    def load_runs(x: vector, node: index) -> value: ...
+
+    return load_runs.find(register)
+
+
+load_runs: Any = Name(_load_runs)
+"""(x, places): the numbers of x at places that `in_two_runs` has seen."""
+
+
+def in_two_runs(places: NDArray[np.integer]) -> NDArray[np.integer]:
+    """Mark registers (..., lanes) of places that are one run in memory, or two.
+
+    Such a register has the complement of its first place, the place of the second run less the
+    number of lanes in the first one, and that number.
+    """
+    lanes = places.shape[-1]
+    ends = np.diff(places) != 1
+    count = np.where(ends.any(axis=-1), ends.argmax(axis=-1) + 1, lanes)
+    second = np.take_along_axis(places, count[..., None] % lanes, axis=-1)[..., 0] - count % lanes
+    marked = places.copy()
+    marked[..., :3] = np.stack([~places[..., 0], second, count], axis=-1)
+    return np.where(((ends.sum(axis=-1) <= 1) & (second >= 0))[..., None], marked, places)
+
+
 load_nodes: Any = Name(lambda of: _load_nodes(of, of.real))
 """(x, offset, node): the numbers of x at a register of nodes."""
-load_given: Any = Name(lambda of: _load_nodes(of.register, of.given), of_elements=True)
+load_given: Any = Name(lambda of: _load_nodes(of, of.given or of.real))
 """`load_nodes` from a vector of the number type `given`."""
+
+
+@functools.cache
+def _parts(register: Register) -> tuple[Any, Any]:
+    """Return the device functions `load_part` and `put_part`."""
+    given, convert = register.given or register.real, "{}"
+    if register.lanes > 1:
+        convert = "__builtin_convertvector({}, {})"
+    prelude = f"""
+        typedef wp::{given.__name__} other;
+        typedef other others
+            {
+        f"__attribute__((ext_vector_type({register.lanes}), aligned(sizeof(other))))"
+        if register.lanes > 1
+        else ""
+    };
+        const auto at = reinterpret_cast<others*>(x.data + i);
+    """
+
+    @Register.func_native(prelude + f"return as_value({convert.format('*at', 'run')});")
+    def load_part(x: wp.array(dtype=given), i: int) -> value: ...
+
+    @Register.func_native(prelude + f"*at = {convert.format('*runs(&v)', 'others')};")
+    def put_part(x: wp.array(dtype=given), i: int, v: value): ...
+
+    return load_part.find(register), put_part.find(register)
+
+
+load_part: Any = Name(lambda of: _parts(of)[0])
+"""(x, i): `load` from a vector of the number type `given`."""
+put_part: Any = Name(lambda of: _parts(of)[1])
+"""(x, i, v): `put` to a vector of the number type `given`."""
+
+
+@Register.func_native("""
+    value v;
+    auto to = reinterpret_cast<number*>(&v);
+    for (int k = 0; k < lanes; ++k) to[k] = x.data[places.data[i + k]];
+    return v;
+""")
+def load_each(x: vector, places: Numbers, i: int) -> value:
+    """Return the numbers of x at the places from the i-th on."""
 
 
 @functools.cache

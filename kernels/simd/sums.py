@@ -88,6 +88,7 @@ combinations = _by_spans("""
         const number a = *c;
         for (long i = 0; i < m; ++i) sum[i] += a * row[i];
     }
+    #pragma clang loop vectorize(assume_safety)
     for (long i = 0; i < m; ++i) out[i] = scale * (x[i] + sum[i]);
 """)
 """Kernel (call, coefficients (1 + m,) float64, n), a thread for each SPAN numbers.
@@ -98,11 +99,13 @@ c_(1 + s) stack[s]); `out` may be `x`.
 scaled_sum = _by_spans("""
     #pragma clang fp contract(off)
     const auto x = reinterpret_cast<const number*>(call.data[0]) + first;
-    const auto y = reinterpret_cast<number*>(call.data[1]) + first;
+    const auto y = reinterpret_cast<const number*>(call.data[1]) + first;
+    const auto out = reinterpret_cast<number*>(call.data[2]) + first;
     const number a = c[0], b = c[1];
-    for (long i = 0; i < m; ++i) y[i] = a * x[i] + b * y[i];
+    #pragma clang loop vectorize(assume_safety)
+    for (long i = 0; i < m; ++i) out[i] = a * x[i] + b * y[i];
 """)
-"""Kernel (call, coefficients (2,) float64, n): y = c_0 x + c_1 y, either product rounded by itself.
+"""Kernel (call, coefficients (2,) float64, n): c_0 x + c_1 y, either product rounded by itself.
 
-call: the addresses of x and y (n,).
+call: the addresses of x, y and the result (n,), which may be one of them.
 """

@@ -64,7 +64,6 @@ class PoissonTendency:
         self._operator(self._mean, out)
         tracers = model.tracers
         if tracers is not None:
-            wp.copy(self._masses, first[tracers.first :])
-            last = last[tracers.first :]
-            model.launch(self._combine, last.size, 0.5, last, 0.5, self._masses)
+            first, last = first[tracers.first :], last[tracers.first :]
+            model.launch(self._combine, last.size, 0.5, last, 0.5, first, self._masses)
             tracers.carry(self._base, self._mean, out)

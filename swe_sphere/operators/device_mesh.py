@@ -14,7 +14,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.define import REGISTER_BYTES, lanes_of
 from swe_sphere.kernels.element import room
-from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors
+from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors, in_two_runs
 from swe_sphere.kernels.simd.stages import stage_struct
 from swe_sphere.kernels.terms import KernelTypes, kernel_types
 from swe_sphere.mesh import Mesh
@@ -22,7 +22,7 @@ from swe_sphere.mesh.cubed_sphere import BLOCK
 from swe_sphere.mesh.partition import Part, Partition, whole
 from swe_sphere.operators.chunks import Chunks
 from swe_sphere.operators.halo import LEAST, Halo, launch_rim_first
-from swe_sphere.operators.launch import Launcher, Span
+from swe_sphere.operators.launch import Cuts, Launcher, Span
 from swe_sphere.operators.strips import Strips
 from swe_sphere.ranks.communicator import Communicator
 
@@ -199,7 +199,14 @@ class DeviceMesh:
         mine = np.argmax(around == own[:, None], axis=1)[:, None]
         others = np.take_along_axis(around, mine ^ np.array([1, 2, 3]), axis=1)
         empty = self.groups * self.points * self.lanes
-        return self.on_elements(np.where(others < 0, empty, others), (3,), wp.int32)
+        places = np.where(others < 0, empty, others).reshape(self.elements, self.points, 3)
+        return self.in_runs(places, (3,))
+
+    def in_runs(self, places: NDArray[np.integer], tail: tuple[int, ...] = ()) -> wp.array:
+        """Return `on_elements` of places in an array, for `load_runs`."""
+        rows = self.in_lanes(places.reshape(self.elements, -1, math.prod(tail)))
+        lanes = rows.reshape(*rows.shape[:2], *tail, self.lanes)
+        return self.registers(in_two_runs(lanes) if self.lanes > 1 else lanes, wp.int32)
 
     def geometry(self, kind: Any, given: Mapping[str, Any] | None = None) -> Any:
         """A structure of that kind: members by name from those given, else from the mesh."""
@@ -258,8 +265,12 @@ class DeviceMesh:
             away = self.part.away // self.lanes
             groups = self.groups, away if away >= LEAST else 0
             return functools.partial(launch_rim_first, self.halos[field.flat.ptr], *groups, launch)
-        cuts = None if self.strips is None else self.strips.groups
-        return functools.partial(launch, cuts=cuts)
+        return functools.partial(launch, cuts=self.cuts)
+
+    @property
+    def cuts(self) -> Cuts | None:
+        """How launches over the elements are cut into strips; None on small meshes."""
+        return None if self.strips is None else self.strips.groups
 
     @functools.cached_property
     def strips(self) -> Strips | None:

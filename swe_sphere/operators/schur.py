@@ -24,7 +24,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.operators import sparse
 from swe_sphere.operators.damping import Damping, Rate
 from swe_sphere.operators.device_mesh import DeviceMesh, Field
-from swe_sphere.operators.launch import Launcher
+from swe_sphere.operators.launch import Launcher, in_runs
 from swe_sphere.operators.sparse import column_squares
 
 Step = tuple[float, float, float]
@@ -58,11 +58,16 @@ class SchurOperator:
         per_area = mesh.on_elements(1.0 / mesh.mesh.area[self._nodes])
         given_arrays = self._configured | {"per_area": per_area, "others": mesh.others}
         self._geometry = mesh.geometry(types.geometry, given_arrays)
-        passages = helmholtz.spread, helmholtz.collect
-        self._passages = functools.cache(
-            lambda given: launch.compile(mesh.types(given=given, whole=False), *passages)
+        self._spread = functools.cache(
+            lambda given: launch.compile(mesh.types(given=given, whole=False), helmholtz.spread)
         )
-        """Kernels between fields and vectors of a number type."""
+        """The kernel from vectors of a number type to fields."""
+        self._over_nodes = functools.cache(
+            lambda kernel, given: in_runs(
+                launch, kernel, mesh.real, mesh.lanes, *mesh.spans(), given=given
+            )
+        )
+        """The launches of a kernel that writes to vectors of a number type."""
         self._f1, self._f2 = self.field(), self.field()
         self._local = mesh.local(1, self._value)
         self._slopes, rows = mesh.local(1, self._value, 2), mesh.rows // mesh.points
@@ -74,9 +79,9 @@ class SchurOperator:
         """Damping factor of implicit diffusion, if there is any."""
         self._gradient, self._wind_fluxes, self._slope_fluxes, *others = launch.compile(
             types, helmholtz.gradient, helmholtz.wind_fluxes, helmholtz.slope_fluxes,
-            helmholtz.eliminated, helmholtz.chebyshev, helmholtz.substituted,
+            helmholtz.eliminated, helmholtz.image, helmholtz.chebyshev, helmholtz.chebyshev_start,
         )  # fmt: skip
-        self._eliminated, self._chebyshev, self._substituted = others
+        self._eliminated, self._image, self._chebyshev, self._start = others
         if not self._together:
             (self._divergence,) = launch.compile(types, helmholtz.divergence)
 
@@ -86,13 +91,13 @@ class SchurOperator:
 
     def spread(self, x: wp.array, out: Field) -> None:
         """A nodal vector (N,) of any number type to a field."""
-        kernel, _ = self._passages(x.dtype)
-        self.launch(kernel, self.dim, self.mesh.nodes, x, out.values)
+        (kernel,) = self._spread(x.dtype)
+        self.launch(kernel, self.dim, 0, self.mesh.nodes, x, out.values, cuts=self.mesh.cuts)
 
     def collect(self, x: Field, out: wp.array) -> None:
         """A field, with the same bits in all elements of a node, to a nodal vector (N,)."""
-        _, kernel = self._passages(out.dtype)
-        self.launch(kernel, self.size, self.mesh.of_own, x.flat, out)
+        for collect in self._over_nodes(helmholtz.collect, out.dtype):
+            collect(self.mesh.of_own, x.flat, out)
 
     def put(self, values: Array, x: Field) -> None:
         """Values (N,) from the host to a field."""
@@ -134,45 +139,54 @@ class SchurOperator:
         if self.damping is not None:
             r = self.damping.state
         self._differentiate(h)
-        self.launch(
-            self._substituted, self.size, self.mesh.places(1), self.mesh.of_own,
-            self.mesh.inverse_area, self._same, self._cross, self.size, self._east.flat,
-            self._north.flat, h.flat, r, self.tau * self.gravity, out,
-        )  # fmt: skip
+        for substitute in self._over_nodes(helmholtz.substituted, out.dtype):
+            substitute(
+                self.mesh.places(1), self.mesh.of_own, self.mesh.inverse_area, self._same,
+                self._cross, self.size, self._east.flat, self._north.flat, h.flat, r,
+                self.tau * self.gravity, out,
+            )  # fmt: skip
         if self.damping is not None:
             self.damping.damp_depth(h, out)
 
     def apply(self, d: Field, out: Field) -> None:
         """out = S d."""
-        out.values.zero_()
-        self.chebyshev_step((1.0, 0.0, 0.0), out, d, self._f1, sign=1.0)
+        self._multiply(d)
+        self._smooth(self._image, d.values, out.values)
 
     def residual(self, b: Field, x: Field, out: Field) -> None:
         """out = b - S x."""
-        wp.copy(out.values, b.values)
-        self.chebyshev_step((1.0, 0.0, 0.0), out, x, self._f1)
+        self.chebyshev_step((1.0, 0.0, 0.0), out, self._f1, self._f1, b, x)
 
     def chebyshev_step(
-        self, coefficients: Step, r: Field, d: Field, x: Field, sign: float = -1.0
+        self, coefficients: Step, r: Field, d: Field, x: Field, b: Field | None = None,
+        last: Field | None = None,
+    ) -> None:  # fmt: skip
+        """r = b - S last; d = keep last + take r/diag S; x += beta d, by (keep, take, beta).
+
+        b and last are r and d by default.
+        """
+        b, last = b or r, last or d
+        self._multiply(last)
+        fields = (each.values for each in (b, last, r, d, x))
+        self._smooth(self._chebyshev, *coefficients, *fields)
+
+    def chebyshev_start(
+        self, coefficients: Step, r: Field, d: Field, x: Field, b: Field | None = None
     ) -> None:
-        """r += sign S d; d = keep d + take r/diag S; x += beta d, with (keep, take, beta) given."""
+        """Take a Chebyshev step from d = x = 0, whatever they contain, without a product with S."""
+        fields = (each.values for each in (b or r, r, d, x))
+        self._launch(self._start, *coefficients[1:], *fields)
+
+    def _smooth(self, kernel: Any, *arguments: Any) -> None:
+        local = self._local
+        self._launch(kernel, local.values, local.flat, self.tau**2 * self.gravity, *arguments)
+
+    def _multiply(self, d: Field) -> None:
+        """Leave the divergence of the fluxes of the gradient of d for DSS."""
         self._differentiate(d)
         east, north = self._east, self._north
         slopes = east.values, east.flat, north.values, north.flat
         self._diverge(self._slope_fluxes, *slopes)
-        self._smooth(sign, coefficients, r, d, x)
-
-    def chebyshev_start(self, coefficients: Step, r: Field, d: Field, x: Field) -> None:
-        """Take a Chebyshev step from d = x = 0, whatever they contain, without a product with S."""
-        for zero in (self._local, d, x):
-            zero.values.zero_()
-        self._smooth(-1.0, coefficients, r, d, x)
-
-    def _smooth(self, sign: float, coefficients: Step, r: Field, d: Field, x: Field) -> None:
-        self._launch(
-            self._chebyshev, self._local.values, self._local.flat, sign,
-            self.tau**2 * self.gravity, *coefficients, r.values, d.values, x.values,
-        )  # fmt: skip
 
     def _differentiate(self, x: Field) -> None:
         if self.damping is not None:
@@ -187,12 +201,12 @@ class SchurOperator:
         results = self._f1.values, self._f2.values, self._local.values
         arguments, last = (*arguments, *results), of_fluxes
         if not self._together:
-            self.launch(of_fluxes, self.dim, 0, self._geometry, *arguments)
+            self._launch(of_fluxes, *arguments)
             arguments, last = results, self._divergence
         self.mesh.sweep(self.launch, self._local)(last, self.dim, 0, self._geometry, *arguments)
 
     def _launch(self, kernel: Any, *arguments: Any) -> None:
-        self.launch(kernel, self.dim, self._geometry, *arguments)
+        self.launch(kernel, self.dim, 0, self._geometry, *arguments, cuts=self.mesh.cuts)
 
 
 class SchurMatrix:

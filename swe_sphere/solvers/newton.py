@@ -179,8 +179,7 @@ class NewtonKrylov:
 
         def trial(length: float) -> float:
             """Return |F| at x - length d, and leave point and residual in the trial vectors."""
-            self.space.copy(x, self._trial)
-            self.space.axpy(-length, self._direction, self._trial)
+            self.space.axpby(-length, self._direction, 1.0, x, self._trial)
             problem.residual(self._trial, self._trial_residual)
             return self.space.norm(self._trial_residual)
 

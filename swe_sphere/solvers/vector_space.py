@@ -46,8 +46,8 @@ class VectorSpace:
     """clear(x): x = 0."""
     scale: Callable[[float, wp.array], None]
     """scale(a, x): x = a x."""
-    axpby: Callable[[float, wp.array, float, wp.array], None]
-    """axpby(a, x, b, y): y = a x + b y."""
+    axpby: Callable[..., None]
+    """axpby(a, x, b, y, out=y): out = a x + b y."""
     combine: Callable[..., None]
     """combine(x, stack, c, out, scale=1.0): out = scale (x + sum_s c_s stack[s]) over the first
     len(c) rows; `out` may be `x`."""
@@ -203,8 +203,10 @@ class HostSpace(VectorSpace):
     def clear(self, x: wp.array) -> None:
         self.view(x).fill(0.0)
 
-    def axpby(self, a: float, x: wp.array, b: float, y: wp.array) -> None:
-        self._arguments[:2] = self._address(x), self._address(y)
+    def axpby(
+        self, a: float, x: wp.array, b: float, y: wp.array, out: wp.array | None = None
+    ) -> None:
+        self._arguments[:3] = *map(self._address, (x, y)), self._address(y if out is None else out)
         command, factors = self._sum_of_two
         factors[:] = a, b
         command.launch()
@@ -275,8 +277,11 @@ class DeviceSpace(VectorSpace):
     def clear(self, x: wp.array) -> None:
         x.zero_()
 
-    def axpby(self, a: float, x: wp.array, b: float, y: wp.array) -> None:
-        wp.launch(self._axpby, self.n, inputs=[a, x, b, y], device=self.device)
+    def axpby(
+        self, a: float, x: wp.array, b: float, y: wp.array, out: wp.array | None = None
+    ) -> None:
+        inputs = [a, x, b, y, y if out is None else out]
+        wp.launch(self._axpby, self.n, inputs=inputs, device=self.device)
 
     def scale(self, a: float, x: wp.array) -> None:
         self.axpby(a, x, 0.0, x)

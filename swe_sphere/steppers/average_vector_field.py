@@ -36,8 +36,7 @@ class AverageProblem(StageProblem):
             self.space.axpy(1.0, self._loss, self._slope)
 
     def _mean_of(self, x: wp.array) -> wp.array:
-        self.space.copy(self.rhs, self._mean)
-        self.space.axpby(0.5, x, 0.5, self._mean)
+        self.space.axpby(0.5, x, 0.5, self.rhs, self._mean)
         return self._mean
 
 
@@ -61,8 +60,7 @@ class AverageVectorField(ImplicitStepper):
         self.guesses = (self.slope,)
 
     def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
-        self.space.copy(self.state, out)
-        self.space.axpy(dt, self.slope, out)
+        self.space.axpby(dt, self.slope, 1.0, self.state, out)
         return self.solver.solve(0.5 * dt, t + 0.5 * dt, self.state, out)
 
     def accept(self, dt: float) -> None:

@@ -60,8 +60,7 @@ class DiagonallyImplicit(ImplicitStepper):
                 self.model.tendency(self._rhs, stage_time, self._slopes[i])
                 continue
             # the stage that would have the slope guessed for it
-            self.space.copy(self._rhs, out)
-            self.space.axpy(gamma, self.guesses[i], out)
+            self.space.axpby(gamma, self.guesses[i], 1.0, self._rhs, out)
             if i > 0 and self.followed:
                 self.space.axpy(self.followed * gamma, self._slopes[i - 1], out)
                 self.space.axpy(-self.followed * gamma, self.guesses[i - 1], out)
@@ -155,10 +154,8 @@ class BDF2(ImplicitStepper):
                 self.solver.prepared_for = None
         w = dt / before
         now, past = (1.0 + w) ** 2 / (1.0 + 2.0 * w), -(w**2) / (1.0 + 2.0 * w)
-        self.space.copy(self.state, self._rhs)
-        self.space.axpby(past, self.previous, now, self._rhs)
-        self.space.copy(self.state, out)
-        self.space.axpby(-w, self.previous, 1.0 + w, out)
+        self.space.axpby(past, self.previous, now, self.state, self._rhs)
+        self.space.axpby(-w, self.previous, 1.0 + w, self.state, out)
         self.space.axpy(0.5 * EXPECTED * dt * (dt + before), self.solver.bend, out)
         return self.solver.solve(dt * (1.0 + w) / (1.0 + 2.0 * w), t + dt, self._rhs, out)
 

@@ -95,8 +95,7 @@ class ExponentialMultistep(VariableStepper):
                 (self._states[i], self.state, self._moved[i]),
                 (self._slopes[i], self._slope, self._bent[i]),
             ):
-                space.copy(past, change)
-                space.axpy(-1.0, present, change)
+                space.axpby(-1.0, present, 1.0, past, change)
             if self._has_drift:
                 space.axpy((i + 1) * dt, self._drift, self._bent[i])
         for k, row in enumerate(self.weights, 1):
@@ -116,8 +115,7 @@ class ExponentialMultistep(VariableStepper):
         space.axpby(-weight, self._slope, weight, bent)
         if self._has_drift:
             space.axpy(-weight * STAGE * dt, self._drift, bent)
-        space.copy(self.state, moved)
-        space.axpby(-weight, out, weight, moved)
+        space.axpby(-weight, out, weight, self.state, moved)
         return self._propagate(dt, dt, 3, out)
 
     def _propagate(self, length: float, dt: float, terms: int, out: wp.array) -> str | None:

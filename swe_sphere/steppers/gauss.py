@@ -157,6 +157,6 @@ class GaussLegendre(ImplicitStepper):
     def accept(self, dt: float) -> None:
         """Make `new` the present state, and keep the slopes for the guess of the next step."""
         for i, row in enumerate(INVERSE / dt):
-            self.space.copy(self._changes[0], self.guesses[i])
-            self.space.axpby(float(row[1]), self._changes[1], float(row[0]), self.guesses[i])
+            (a, b), changes = map(float, row), self._changes
+            self.space.axpby(b, changes[1], a, changes[0], self.guesses[i])
         super().accept(dt)

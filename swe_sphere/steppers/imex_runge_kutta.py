@@ -169,17 +169,15 @@ class ImexRungeKutta(ImexStepper):
         for i in range(1, len(self.b)):
             # the change Y_i - x, and L Y_i
             self._sums[i](self._nothing, self._known)
-            self.space.copy(self._known, self._rhs)
-            self.space.axpy(self._tau, self._linear[0], self._rhs)
+            self.space.axpby(self._tau, self._linear[0], 1.0, self._known, self._rhs)
             wp.copy(self._guess, self._known[self._depth])
             self._depths.axpy(self._tau, self.slopes[i], self._guess)
             self.solver.solve(self._tau, self.time, self._rhs, self._guess, self._change)
             slope = self._linear[i]
-            self.space.copy(self._change, slope)
-            self.space.axpby(-1.0 / self._tau, self._known, 1.0 / self._tau, slope)
+            per_tau = 1.0 / self._tau
+            self.space.axpby(-per_tau, self._known, per_tau, self._change, slope)
             wp.copy(self.slopes[i], slope[self._depth])
-            self.space.copy(self.state, self._stage)
-            self.space.axpy(1.0, self._change, self._stage)
+            self.space.axpby(1.0, self._change, 1.0, self.state, self._stage)
             self.model.tendency(self._stage, self.time + self._offsets[i], self._full[i])
         self._last(self.state, self._stage)
         self.solver.accept(self.state, self._stage, self.dt)

@@ -289,5 +289,4 @@ class ImplicitStepper(VariableStepper):
 
     def implied_slope(self, x: wp.array, rhs: wp.array, tau: float, out: wp.array) -> None:
         """out = (x - rhs)/tau: F(x) as the solved stage equation implies it, mass included."""
-        self.space.copy(x, out)
-        self.space.axpby(-1.0 / tau, rhs, 1.0 / tau, out)
+        self.space.axpby(-1.0 / tau, rhs, 1.0 / tau, x, out)

@@ -126,15 +126,13 @@ class SemiImplicit(ImexStepper, Leapfrog):
         if self.steps > 0:
             self.solver.accept(self.previous, self.state, self.dt)
             return
-        self.space.copy(self.state, self._difference)
-        self.space.axpby(-2.0, self.previous, 2.0, self._difference)
+        self.space.axpby(-2.0, self.previous, 2.0, self.state, self._difference)
         wp.copy(self.guess, self._difference[self._depth])
 
     def _add_waves(self) -> None:
         """slope += L (x- - x)."""
         self.solver.waves.linearise(self.state)
-        self.space.copy(self.previous, self._difference)
-        self.space.axpy(-1.0, self.state, self._difference)
+        self.space.axpby(-1.0, self.state, 1.0, self.previous, self._difference)
         self.solver.waves.apply(self._difference, self._part)
         self.space.axpy(1.0, self._part, self._slope)
 

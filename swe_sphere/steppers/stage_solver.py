@@ -69,8 +69,7 @@ class Motion:
         """Record a step of dt [s] between two states."""
         space, slope, bend, before = self.space, self._work, self._slope, self.bend
         apart = 0.5 * (dt + self.last_dt)
-        space.copy(old, slope)
-        space.axpby(1.0 / dt, new, -1.0 / dt, slope)
+        space.axpby(1.0 / dt, new, -1.0 / dt, old, slope)
         space.axpby(1.0 / apart, slope, -1.0 / apart, bend)
         pairs = (bend, bend), (before, before), (bend, before), (slope, slope)
         now, then, both, square = map(float, space.dots(*pairs))
@@ -140,8 +139,7 @@ class StageSolver(Motion):
         """
         space, slope, bend, probe = self.space, self._slope, self.bend, PROBE * dt
         self.model.tendency(state, t, slope)
-        space.copy(state, self._work)
-        space.axpy(probe, slope, self._work)
+        space.axpby(probe, slope, 1.0, state, self._work)
         self.model.tendency(self._work, t + probe, bend)
         space.axpy(-1.0, slope, bend)
         self.rate, self.last_dt = space.norm(slope), 0.0

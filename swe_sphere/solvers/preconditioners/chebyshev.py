@@ -42,13 +42,6 @@ def chebyshev_coefficients(degree: int, largest: float) -> list[tuple[float, flo
     return [(*step, beta) for step, beta in zip(steps, OPTIMAL[degree], strict=True)]
 
 
-def chebyshev_steps(
-    operator: SchurOperator, degree: int, diagonal: Array
-) -> list[tuple[float, float, float]]:
-    """Coefficients of so many Chebyshev steps on S, as the operator has it, with that diagonal."""
-    return chebyshev_coefficients(degree, largest_eigenvalue(operator, 1.0 / diagonal))
-
-
 def largest_eigenvalue(operator: SchurOperator, inverse: Array) -> float:
     """Bound on the spectrum of S, as the operator has it, over its diagonal (N,) inverted."""
     x, image = operator.field(), operator.field()

@@ -95,8 +95,8 @@ class CoarseCorrection:
         self._per_diagonal = vector(self._operator.mesh, inverse.size)
         self._operator.mesh.write(inverse, self._per_diagonal.flat)
 
-    def correct(self, b: Field, x: Field) -> None:
-        """Add the correction for the residual b to x."""
+    def correct(self, b: Field, x: Field, add: bool = True) -> None:
+        """Add the correction for the residual b to x, or set x to it."""
         found, d, new = self._found, self._d, self._new
         exchange = self._operator.mesh.exchange
         self._part.restrict(b, self._b)
@@ -113,7 +113,7 @@ class CoarseCorrection:
             wp.copy(self._r.values, self._b.values)
             self._sweep(self._smooth, (0.0, 0.0, 0.0), found, new, found)
             self._solve_longest(found, add=True)
-        self._part.prolong(found, x)
+        self._part.prolong(found, x, add)
 
     def _sweep(
         self, product: SlicedMatrix, coefficients: Step, d: Field, new: Field, before: Field

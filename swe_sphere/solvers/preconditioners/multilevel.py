@@ -3,21 +3,22 @@
 from typing import Any
 
 import numpy as np
-import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.operators.damping import Rate
 from swe_sphere.operators.device_mesh import Field
-from swe_sphere.operators.schur import SchurMatrix, SchurOperator
-from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_steps
+from swe_sphere.operators.schur import SchurMatrix, SchurOperator, Step
+from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, largest_eigenvalue
 from swe_sphere.solvers.preconditioners.coarse import CoarseCorrection
 
-COURANT_A_STEP = 10.0
+LONG = 10.0
+"""Gravity-wave Courant number (root of the largest diagonal entry of S) from which one more
+Chebyshev step after the last correction pays, and without `symmetric` a second cycle."""
 COURANT_A_CYCLE = 20.0
 MOST_CYCLES = 4
-"""Gravity-wave Courant numbers (root of the largest diagonal entry of S) from which one more
-Chebyshev step, and for each of which one more cycle, pays."""
+"""Gravity-wave Courant numbers for each of which one more cycle pays.  Below the first, the second
+cycle has one step less before it."""
 DEGREES = {3: 3, 4: 2}
 """Chebyshev steps by np, where not 4.  At np 3 all waves share their shortest wave, whose nodal
 values are 1, 0, -1, 0: the coarse correction overshoots it, and two steps leave as much of it as
@@ -40,7 +41,7 @@ class Multilevel:
     """Cycles of a coarse correction, of smooth waves and computational modes, and Chebyshev steps.
 
     At large gravity-wave Courant numbers a Chebyshev step and more cycles are added.  With
-    `symmetric`, as many steps go before the correction, as conjugate gradients need.
+    `symmetric`, as many steps go before each correction, as conjugate gradients need.
     """
 
     def __init__(self, operator: SchurOperator, symmetric: bool = False) -> None:
@@ -54,34 +55,38 @@ class Multilevel:
         """Prepare for the implicit step tau [s] and the depth (N,) [m] of the operator."""
         diagonal = self.matrix.diagonal(tau, depth)
         courant = float(np.sqrt(diagonal.max()))
-        degree = DEGREES.get(self.operator.mesh.mesh.np, 4) + (courant > COURANT_A_STEP)
-        self._steps = chebyshev_steps(self.operator, degree, diagonal)
+        degree, is_long = DEGREES.get(self.operator.mesh.mesh.np, 4), courant > LONG
+        largest = largest_eigenvalue(self.operator, 1.0 / diagonal)
+        self._steps = self._between = chebyshev_coefficients(degree + is_long, largest)
+        cycles = 1 + int(courant / COURANT_A_CYCLE)
+        if is_long and not self._symmetric:
+            self._between = chebyshev_coefficients(degree - (cycles == 1), largest)
+            cycles = max(cycles, 2)
         self._coarse.setup(tau, depth)
-        self._cycles = min(1 + int(courant / COURANT_A_CYCLE), MOST_CYCLES)
+        self._cycles = min(cycles, MOST_CYCLES)
 
     def solve(self, b: Field, x: Field) -> None:
         """x near S^-1 b; b is overwritten."""
+        rest, between = self._rest, self._between
         for cycle in range(self._cycles):
             if cycle > 0 or self._symmetric:
-                wp.copy(self._rest.values, b.values)
-                self._smooth(self._rest, x, from_zero=cycle == 0)
-                self.operator.residual(b, x, self._rest)
-                self._coarse.correct(self._rest, x)
+                self._smooth(between, b, rest, x, from_zero=cycle == 0)
+                self.operator.residual(b, x, rest)
+                self._coarse.correct(rest, x)
             else:
-                x.values.zero_()
-                self._coarse.correct(b, x)
+                self._coarse.correct(b, x, add=False)
             if self._symmetric and cycle < self._cycles - 1:
-                wp.copy(self._rest.values, b.values)
-                self._smooth(self._rest, x)
-        self._smooth(b, x)
+                self._smooth(between, b, rest, x)
+        self._smooth(self._steps, b, b, x)
 
-    def _smooth(self, r: Field, x: Field, from_zero: bool = False) -> None:
-        """Chebyshev steps from x or from zero; r, the right-hand side, is overwritten."""
-        first, *others = self._steps
+    def _smooth(
+        self, steps: list[Step], b: Field, r: Field, x: Field, from_zero: bool = False
+    ) -> None:
+        """Take Chebyshev steps from x or from zero for the right-hand side b; r is overwritten."""
+        first, *others = steps
         if from_zero:
-            self.operator.chebyshev_start(first, r, self._direction, x)
+            self.operator.chebyshev_start(first, r, self._direction, x, b)
         else:
-            wp.copy(self._direction.values, x.values)
-            self.operator.chebyshev_step(first, r, self._direction, x)
+            self.operator.chebyshev_step(first, r, self._direction, x, b, x)
         for step in others:
             self.operator.chebyshev_step(step, r, self._direction, x)
