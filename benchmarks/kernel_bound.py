@@ -330,6 +330,10 @@ one is two rings ahead. A whole step of rk4, and two steps of `forward-backward`
 pass through memory once, with the same bits as one launch after the other. A launch that needs all
 of the launch before it ends a wave: a limiter, a sum over the sphere, forcing that changes in time,
 messages between ranks (`operators/strips.py`).
+
+The preconditioner of implicit steps runs in such waves as well: from the elimination of the wind to
+the restriction to coarse functions, and from their prolongation through all Chebyshev steps to the
+next restriction or the substitution.
 """
 
 
