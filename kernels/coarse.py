@@ -13,7 +13,7 @@ from swe_sphere.kernels.simd.arithmetic import (
     mul,
     rows_product,
 )  # fmt: skip
-from swe_sphere.kernels.simd.memory import Numbers, Places, gather, load_runs
+from swe_sphere.kernels.simd.memory import Numbers, Places, gather, load_nodes
 from swe_sphere.kernels.terms import KernelTypes, local
 
 matrix, each = wp.array2d(dtype=real), wp.array2d(dtype=value)
@@ -26,9 +26,9 @@ def transfer_kernels(t: KernelTypes, functions: int) -> tuple[Any, Any, tuple[in
 
     `restrict` leaves integrals (groups, k) over each element of a field times each function, with
     the weights `mass` (groups, np*np) [m2]; it runs over (groups, k / `shares[0]`) threads.
-    `prolong` sets a field to the functions times the coefficients, those of an element at its
-    `numbers` (groups, k), or adds them to it if `add`, with the same bits for a node in each of its
-    elements; over (groups, np*np / `shares[1]`) threads.  The third result is `shares`.
+    `prolong` adds to a field the functions times the coefficients, those of an element at its
+    `numbers` (groups, k), with the same bits for a node in each of its elements; over (groups,
+    np*np / `shares[1]`) threads.  The third result is `shares`.
     """
     points = t.np * t.np
     few, many = (functions, points) if t.shape == "element" else (1, 1)
@@ -48,19 +48,15 @@ def transfer_kernels(t: KernelTypes, functions: int) -> tuple[Any, Any, tuple[in
 
     @kernel
     def prolong(
-        begin: int, values: matrix, numbers: wp.array2d(dtype=index), coefficients: vector,
-        add: int, x: local,
+        begin: int, values: matrix, numbers: wp.array2d(dtype=index), coefficients: vector, x: local
     ):  # fmt: skip
         e, part = wp.tid()
         e += begin
         mine = wp.zeros(shape=functions, dtype=value)
         for k in range(functions):
-            mine[k] = load_runs(coefficients, numbers[e, k])
+            mine[k] = load_nodes(coefficients, 0, numbers[e, k])
         for n in range(part * many, part * many + many):
-            found = at_point(values, n, mine)
-            if add > 0:
-                found += x[e, n, 0]
-            x[e, n, 0] = found
+            x[e, n, 0] = x[e, n, 0] + at_point(values, n, mine)
 
     return specialise(restrict, t), specialise(prolong, t), (few, many)
 

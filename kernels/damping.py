@@ -2,11 +2,11 @@
 
 import warp as wp
 
-from swe_sphere.kernels.define import given, kernel, real, state, value, vector
+from swe_sphere.kernels.define import kernel, real, value, vector
 from swe_sphere.kernels.metric import basis, covariant_wind, gradient
 from swe_sphere.kernels.simd.arithmetic import mul
 from swe_sphere.kernels.simd.memory import Places, gather_one, load_given, nodes
-from swe_sphere.kernels.terms import across, along, local, np_, share
+from swe_sphere.kernels.terms import across, along, given, local, np_, share, state
 
 matrix, each = wp.array2d(dtype=real), wp.array2d(dtype=value)
 

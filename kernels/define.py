@@ -38,13 +38,11 @@ class Register:
 
     whole: products are those of whole registers.  Products of numbers that were gathered lane by
     lane take half as long again with them.
-    given: number type of the state vectors, where it is another one.
     """
 
     real: Any
     lanes: int = 1
     whole: bool = True
-    given: Any = None
 
     @property
     def register(self) -> "Register":
@@ -183,10 +181,6 @@ index: Any = Name(lambda of: of.index)
 """Number of a node for each number of a register."""
 vector: Any = Name(lambda of: wp.array(dtype=of.real))
 """Array of numbers."""
-given: Any = Name(lambda of: of.given or of.real)
-"""Number type of the state vectors."""
-state: Any = Name(lambda of: wp.array(dtype=of.given or of.real))
-"""A state vector."""
 lanes: Any = Name(lambda of: of.lanes)
 """Numbers in a register."""
 

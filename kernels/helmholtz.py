@@ -16,7 +16,7 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import Name, func, kernel, lanes, real, state, value, vector
+from swe_sphere.kernels.define import Name, func, kernel, real, value, vector
 from swe_sphere.kernels.metric import divergence as div
 from swe_sphere.kernels.metric import dot
 from swe_sphere.kernels.metric import gradient as grad
@@ -25,16 +25,12 @@ from swe_sphere.kernels.simd.memory import (
     Numbers,
     Places,
     address,
-    gather,
-    load,
-    load_each,
+    gather_one,
     load_given,
-    load_part,
     load_runs,
     nodes,
-    put_part,
 )
-from swe_sphere.kernels.terms import across, along, geometry, local, np_, share
+from swe_sphere.kernels.terms import across, along, geometry, given, local, np_, share, state
 
 together: Any = Name(lambda t: t.shape == "element", of_elements=True)
 """True where fluxes stand in one row of f1 and f2, in the nearest cache.  A thread then takes their
@@ -140,28 +136,15 @@ def eliminated(
 
 
 @kernel
-def image(
-    begin: int, geo: geometry, field: local, flat: vector, tau_tau_g: real, d: local, out: local
-):
-    """Leave S d."""
-    e, part = wp.tid()
-    e += begin
-    for n in range(part * share, part * share + share):
-        second = mul(geo.per_area[e, n], assembled(geo, field, flat, e, n))
-        out[e, n, 0] = d[e, n, 0] - tau_tau_g * second
-
-
-@kernel
 def chebyshev(
-    begin: int, geo: geometry, field: local, flat: vector, tau_tau_g: real, keep: real, take: real,
-    beta: real, b: local, last: local, r: local, d: local, x: local,
+    begin: int, geo: geometry, field: local, flat: vector, sign: real, tau_tau_g: real, keep: real,
+    take: real, beta: real, b: local, last: local, r: local, d: local, x: local,
 ):  # fmt: skip
-    """r = b - S last, d = keep last + take r/diag S, x += beta d."""
     e, part = wp.tid()
     e += begin
     for n in range(part * share, part * share + share):
         second = mul(geo.per_area[e, n], assembled(geo, field, flat, e, n))
-        residual = b[e, n, 0] - (last[e, n, 0] - tau_tau_g * second)
+        residual = b[e, n, 0] + sign * (last[e, n, 0] - tau_tau_g * second)
         step = keep * last[e, n, 0] + take * mul(geo.per_diagonal[e, n], residual)
         r[e, n, 0] = residual
         d[e, n, 0] = step
@@ -169,34 +152,20 @@ def chebyshev(
 
 
 @kernel
-def chebyshev_start(
-    begin: int, geo: geometry, take: real, beta: real, b: local, r: local, d: local, x: local
-):
-    """Take the same step from last = x = 0, whatever they contain."""
-    e, part = wp.tid()
-    e += begin
-    for n in range(part * share, part * share + share):
-        step = take * mul(geo.per_diagonal[e, n], b[e, n, 0])
-        r[e, n, 0] = b[e, n, 0]
-        d[e, n, 0] = step
-        x[e, n, 0] = beta * step
-
-
-@kernel
 def substituted(
     begin: int, places: Places, of_own: Numbers, inverse_area: vector, same: vector, cross: vector,
     size: int, east: vector, north: vector, h: vector, r: state, tau_g: real, out: state,
 ):  # fmt: skip
-    """Leave the wind that follows from the depth, and the depth; for nodes from `begin` on."""
-    node = begin + lanes * wp.tid()
-    scale = tau_g * load(inverse_area, node)
-    u = load_part(r, node) - mul(scale, gather(east, places, node, 0))
-    v = load_part(r, size + node) - mul(scale, gather(north, places, node, 0))
-    s = load(same, node)
-    c = load(cross, node)
-    put_part(out, node, mul(s, u) + mul(c, v))
-    put_part(out, size + node, mul(s, v) - mul(c, u))
-    put_part(out, 2 * size + node, load_each(h, of_own, node))
+    """Leave the wind that follows from the depth, and the depth."""
+    node = begin + wp.tid()
+    scale = tau_g * inverse_area[node]
+    u = real(r[node]) - scale * gather_one(east, places, node, 0)
+    v = real(r[size + node]) - scale * gather_one(north, places, node, 0)
+    s = same[node]
+    c = cross[node]
+    out[node] = given(s * u + c * v)
+    out[size + node] = given(s * v - c * u)
+    out[2 * size + node] = given(h[of_own[node]])
 
 
 @kernel
@@ -210,6 +179,6 @@ def spread(begin: int, node: nodes, x: state, out: local):
 
 @kernel
 def collect(begin: int, of_own: Numbers, flat: vector, out: state):
-    """Bring a field to a nodal vector (N,), likewise."""
-    node = begin + lanes * wp.tid()
-    put_part(out, node, load_each(flat, of_own, node))
+    """Bring a field to a nodal vector (N,)."""
+    node = begin + wp.tid()
+    out[node] = given(flat[of_own[node]])

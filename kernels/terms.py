@@ -94,9 +94,8 @@ class KernelTypes:
         given: number type of the state vectors, where it is another one.
         """
         self.np, self.real, self.shape, self.terms = np_, real, shape, terms
-        self.point, self.steps = point, steps
-        lanes = lanes_of(real) if shape == "element" else 1
-        self.register = Register(real, lanes, whole, None if given is real else given)
+        self.point, self.steps, self.given = point, steps, given or real
+        self.register = Register(real, lanes_of(real) if shape == "element" else 1, whole)
         """Numbers that one thread handles side by side."""
         self.value = self.register.value
         """Type of a field at a node."""
@@ -144,7 +143,10 @@ class KernelTypes:
 np_: Any = Name(lambda t: t.np, of_elements=True)
 share: Any = Name(lambda t: t.share, of_elements=True)
 geometry: Any = Name(lambda t: t.geometry, of_elements=True)
+given: Any = Name(lambda t: t.given, of_elements=True)
 """Members of `KernelTypes`, in kernels."""
+state: Any = Name(lambda t: wp.array(dtype=t.given), of_elements=True)
+"""A state vector."""
 done: Any = Name(
     lambda t: levels_struct(t.real) if t.steps else wp.array(dtype=t.real), of_elements=True
 )

@@ -129,50 +129,8 @@ def in_two_runs(places: NDArray[np.integer]) -> NDArray[np.integer]:
 
 load_nodes: Any = Name(lambda of: _load_nodes(of, of.real))
 """(x, offset, node): the numbers of x at a register of nodes."""
-load_given: Any = Name(lambda of: _load_nodes(of, of.given or of.real))
+load_given: Any = Name(lambda of: _load_nodes(of.register, of.given), of_elements=True)
 """`load_nodes` from a vector of the number type `given`."""
-
-
-@functools.cache
-def _parts(register: Register) -> tuple[Any, Any]:
-    """Return the device functions `load_part` and `put_part`."""
-    given, convert = register.given or register.real, "{}"
-    if register.lanes > 1:
-        convert = "__builtin_convertvector({}, {})"
-    prelude = f"""
-        typedef wp::{given.__name__} other;
-        typedef other others
-            {
-        f"__attribute__((ext_vector_type({register.lanes}), aligned(sizeof(other))))"
-        if register.lanes > 1
-        else ""
-    };
-        const auto at = reinterpret_cast<others*>(x.data + i);
-    """
-
-    @Register.func_native(prelude + f"return as_value({convert.format('*at', 'run')});")
-    def load_part(x: wp.array(dtype=given), i: int) -> value: ...
-
-    @Register.func_native(prelude + f"*at = {convert.format('*runs(&v)', 'others')};")
-    def put_part(x: wp.array(dtype=given), i: int, v: value): ...
-
-    return load_part.find(register), put_part.find(register)
-
-
-load_part: Any = Name(lambda of: _parts(of)[0])
-"""(x, i): `load` from a vector of the number type `given`."""
-put_part: Any = Name(lambda of: _parts(of)[1])
-"""(x, i, v): `put` to a vector of the number type `given`."""
-
-
-@Register.func_native("""
-    value v;
-    auto to = reinterpret_cast<number*>(&v);
-    for (int k = 0; k < lanes; ++k) to[k] = x.data[places.data[i + k]];
-    return v;
-""")
-def load_each(x: vector, places: Numbers, i: int) -> value:
-    """Return the numbers of x at the places from the i-th on."""
 
 
 @functools.cache

@@ -199,13 +199,8 @@ class DeviceMesh:
         mine = np.argmax(around == own[:, None], axis=1)[:, None]
         others = np.take_along_axis(around, mine ^ np.array([1, 2, 3]), axis=1)
         empty = self.groups * self.points * self.lanes
-        places = np.where(others < 0, empty, others).reshape(self.elements, self.points, 3)
-        return self.in_runs(places, (3,))
-
-    def in_runs(self, places: NDArray[np.integer], tail: tuple[int, ...] = ()) -> wp.array:
-        """Return `on_elements` of places in an array, for `load_runs`."""
-        rows = self.in_lanes(places.reshape(self.elements, -1, math.prod(tail)))
-        lanes = rows.reshape(*rows.shape[:2], *tail, self.lanes)
+        places = np.where(others < 0, empty, others).reshape(self.elements, -1, 3)
+        lanes = self.in_lanes(places).reshape(self.groups, -1, 3, self.lanes)
         return self.registers(in_two_runs(lanes) if self.lanes > 1 else lanes, wp.int32)
 
     def geometry(self, kind: Any, given: Mapping[str, Any] | None = None) -> Any:

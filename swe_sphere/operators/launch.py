@@ -201,19 +201,19 @@ def _identity(argument: Any) -> object:
 
 
 def in_runs(
-    launch: Launcher, kernel: Any, real: Any, lanes: int, *spans: Span, given: Any = None
+    launch: Launcher, kernel: Any, real: Any, lanes: int, *spans: Span
 ) -> list[Callable[..., None]]:
     """Return the launches of kernels that share the numbers in the spans.
 
     Threads of the kernel take `lanes` numbers, and one each of those that are left over.  Its first
-    argument is its first number; the launches take the others.  given: as for `Register`.
+    argument is its first number; the launches take the others.
     """
     runs = []
     for span in spans:
         whole = span.begin + (span.end - span.begin) // lanes * lanes
         for n, a, b in (lanes, span.begin, whole), (1, whole, span.end):
             if a < b:
-                made = specialise(kernel, Register(real, n, given=given)), (b - a) // n, a
+                made = specialise(kernel, Register(real, n)), (b - a) // n, a
                 runs.append(functools.partial(launch, *made, cuts=span.cut(a, b, n)))
     launch.load(*(run.args[0] for run in runs))
     return [*runs]

@@ -24,7 +24,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.operators import sparse
 from swe_sphere.operators.damping import Damping, Rate
 from swe_sphere.operators.device_mesh import DeviceMesh, Field
-from swe_sphere.operators.launch import Launcher, in_runs
+from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.sparse import column_squares
 
 Step = tuple[float, float, float]
@@ -58,16 +58,11 @@ class SchurOperator:
         per_area = mesh.on_elements(1.0 / mesh.mesh.area[self._nodes])
         given_arrays = self._configured | {"per_area": per_area, "others": mesh.others}
         self._geometry = mesh.geometry(types.geometry, given_arrays)
-        self._spread = functools.cache(
-            lambda given: launch.compile(mesh.types(given=given, whole=False), helmholtz.spread)
+        passages = helmholtz.spread, helmholtz.collect
+        self._passages = functools.cache(
+            lambda given: launch.compile(mesh.types(given=given, whole=False), *passages)
         )
-        """The kernel from vectors of a number type to fields."""
-        self._over_nodes = functools.cache(
-            lambda kernel, given: in_runs(
-                launch, kernel, mesh.real, mesh.lanes, *mesh.spans(), given=given
-            )
-        )
-        """The launches of a kernel that writes to vectors of a number type."""
+        """Kernels between fields and vectors of a number type."""
         self._f1, self._f2 = self.field(), self.field()
         self._local = mesh.local(1, self._value)
         self._slopes, rows = mesh.local(1, self._value, 2), mesh.rows // mesh.points
@@ -79,9 +74,9 @@ class SchurOperator:
         """Damping factor of implicit diffusion, if there is any."""
         self._gradient, self._wind_fluxes, self._slope_fluxes, *others = launch.compile(
             types, helmholtz.gradient, helmholtz.wind_fluxes, helmholtz.slope_fluxes,
-            helmholtz.eliminated, helmholtz.image, helmholtz.chebyshev, helmholtz.chebyshev_start,
+            helmholtz.eliminated, helmholtz.chebyshev, helmholtz.substituted,
         )  # fmt: skip
-        self._eliminated, self._image, self._chebyshev, self._start = others
+        self._eliminated, self._chebyshev, self._substituted = others
         if not self._together:
             (self._divergence,) = launch.compile(types, helmholtz.divergence)
 
@@ -91,13 +86,13 @@ class SchurOperator:
 
     def spread(self, x: wp.array, out: Field) -> None:
         """A nodal vector (N,) of any number type to a field."""
-        (kernel,) = self._spread(x.dtype)
+        kernel, _ = self._passages(x.dtype)
         self.launch(kernel, self.dim, 0, self.mesh.nodes, x, out.values, cuts=self.mesh.cuts)
 
     def collect(self, x: Field, out: wp.array) -> None:
         """A field, with the same bits in all elements of a node, to a nodal vector (N,)."""
-        for collect in self._over_nodes(helmholtz.collect, out.dtype):
-            collect(self.mesh.of_own, x.flat, out)
+        _, kernel = self._passages(out.dtype)
+        self.mesh.launch_over_fields(self.launch, kernel, self.size, self.mesh.of_own, x.flat, out)
 
     def put(self, values: Array, x: Field) -> None:
         """Values (N,) from the host to a field."""
@@ -139,19 +134,18 @@ class SchurOperator:
         if self.damping is not None:
             r = self.damping.state
         self._differentiate(h)
-        for substitute in self._over_nodes(helmholtz.substituted, out.dtype):
-            substitute(
-                self.mesh.places(1), self.mesh.of_own, self.mesh.inverse_area, self._same,
-                self._cross, self.size, self._east.flat, self._north.flat, h.flat, r,
-                self.tau * self.gravity, out,
-            )  # fmt: skip
+        self.mesh.launch_over_fields(
+            self.launch, self._substituted, self.size, self.mesh.places(1), self.mesh.of_own,
+            self.mesh.inverse_area, self._same, self._cross, self.size, self._east.flat,
+            self._north.flat, h.flat, r, self.tau * self.gravity, out,
+        )  # fmt: skip
         if self.damping is not None:
             self.damping.damp_depth(h, out)
 
     def apply(self, d: Field, out: Field) -> None:
         """out = S d."""
-        self._multiply(d)
-        self._smooth(self._image, d.values, out.values)
+        out.values.zero_()
+        self.chebyshev_step((1.0, 0.0, 0.0), out, self._f1, self._f1, last=d, sign=1.0)
 
     def residual(self, b: Field, x: Field, out: Field) -> None:
         """out = b - S x."""
@@ -159,34 +153,32 @@ class SchurOperator:
 
     def chebyshev_step(
         self, coefficients: Step, r: Field, d: Field, x: Field, b: Field | None = None,
-        last: Field | None = None,
+        last: Field | None = None, sign: float = -1.0,
     ) -> None:  # fmt: skip
-        """r = b - S last; d = keep last + take r/diag S; x += beta d, by (keep, take, beta).
+        """r = b + sign S last; d = keep last + take r/diag S; x += beta d, with these coefficients.
 
-        b and last are r and d by default.
+        They are (keep, take, beta); b and last are r and d where they are not given.
         """
-        b, last = b or r, last or d
-        self._multiply(last)
-        fields = (each.values for each in (b, last, r, d, x))
-        self._smooth(self._chebyshev, *coefficients, *fields)
+        last = last or d
+        self._differentiate(last)
+        east, north = self._east, self._north
+        slopes = east.values, east.flat, north.values, north.flat
+        self._diverge(self._slope_fluxes, *slopes)
+        self._smooth(sign, coefficients, b or r, last, r, d, x)
 
     def chebyshev_start(
         self, coefficients: Step, r: Field, d: Field, x: Field, b: Field | None = None
     ) -> None:
         """Take a Chebyshev step from d = x = 0, whatever they contain, without a product with S."""
-        fields = (each.values for each in (b or r, r, d, x))
-        self._launch(self._start, *coefficients[1:], *fields)
+        for zero in (self._local, d, x):
+            zero.values.zero_()
+        self._smooth(-1.0, coefficients, b or r, d, r, d, x)
 
-    def _smooth(self, kernel: Any, *arguments: Any) -> None:
-        local = self._local
-        self._launch(kernel, local.values, local.flat, self.tau**2 * self.gravity, *arguments)
-
-    def _multiply(self, d: Field) -> None:
-        """Leave the divergence of the fluxes of the gradient of d for DSS."""
-        self._differentiate(d)
-        east, north = self._east, self._north
-        slopes = east.values, east.flat, north.values, north.flat
-        self._diverge(self._slope_fluxes, *slopes)
+    def _smooth(self, sign: float, coefficients: Step, *fields: Field) -> None:
+        self._launch(
+            self._chebyshev, self._local.values, self._local.flat, sign,
+            self.tau**2 * self.gravity, *coefficients, *(field.values for field in fields),
+        )  # fmt: skip
 
     def _differentiate(self, x: Field) -> None:
         if self.damping is not None:

@@ -113,7 +113,9 @@ class CoarseCorrection:
             wp.copy(self._r.values, self._b.values)
             self._sweep(self._smooth, (0.0, 0.0, 0.0), found, new, found)
             self._solve_longest(found, add=True)
-        self._part.prolong(found, x, add)
+        if not add:
+            x.values.zero_()
+        self._part.prolong(found, x)
 
     def _sweep(
         self, product: SlicedMatrix, coefficients: Step, d: Field, new: Field, before: Field

@@ -58,7 +58,7 @@ class CoarsePart:
         self._values = mesh.upload(values.T)
         self._mass = mesh.on_elements(mesh.mesh.quadrature * mesh.mesh.jacobian[self._here])
         of_elements = self.here(self._numbers[self._here])
-        self._of_elements = mesh.in_runs(of_elements)
+        self._of_elements = mesh.on_elements(of_elements, scalar=wp.int32)
         size = count * (groups * mesh.lanes + sum(map(len, self._away.values())))
         self._integrals, places = vector(mesh, size + 1), self._places()
         self._local = self._integrals.values[: groups * count].reshape((groups, count))
@@ -80,11 +80,11 @@ class CoarsePart:
         size = self._contributors[0].size
         launch(self._assemble, size, *self._contributors, self._integrals.flat, out.flat)
 
-    def prolong(self, coefficients: Field, x: Field, add: bool) -> None:
-        """x = the functions times their coefficients, or that added to x."""
+    def prolong(self, coefficients: Field, x: Field) -> None:
+        """Add the functions times their coefficients to x."""
         self._launch(
             self._prolong, self._dims[1], 0, self._values, self._of_elements, coefficients.flat,
-            int(add), x.values, cuts=self._mesh.cuts,
+            x.values, cuts=self._mesh.cuts,
         )  # fmt: skip
 
     def rows(self, matrix: Any) -> scipy.sparse.csr_array:
