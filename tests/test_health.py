@@ -261,6 +261,12 @@ def test_the_newest_checkpoint_is_the_last_sound_state(
     assert np.array_equal(last, right)
 
 
+def test_a_run_that_nothing_observes_ends_soon_after_its_state_is_ruined(monkeypatch):
+    sim = Simulation("williamson2", **SMALL)
+    change_at(5, lambda stepper: stepper.state, SPOILT["NaN"], monkeypatch)
+    assert sim.run(days=0.5, progress=False).status == "unstable" and sim.steps == 16
+
+
 def test_a_checkpoint_whose_memory_is_not_finite_is_not_written(tmp_path, monkeypatch):
     sim = Simulation("williamson2", **SMALL, stepper="leapfrog")
     file = tmp_path / "run.nc"

@@ -209,3 +209,15 @@ def test_steppers_keep_their_order_where_the_step_changes(name, monkeypatch):
         errors.append(float(np.abs((stepper.state.numpy() - answer(DURATION)) / scale).max()))
     # coarse steps do not show the order, and the finest ones reach the solver tolerance
     assert np.log2(np.array(errors[:-1]) / errors[1:]).max() > STEPPERS[name].order - 0.3
+
+
+def test_wall_time_is_counted_once_over_a_change_of_step():
+    """Counters of the steps before the change are added, and the clock of the run just runs on."""
+    sim = Simulation("williamson2", ne=2, np=4, stepper="rk4")
+    sim.run(days=0.3, progress=False)
+    before, evaluations = sim.wall_seconds, sim.counts()["rhs_evaluations"]
+    sim.run(days=0.55, progress=False)
+    assert len(sim.summary["step_changes"]) >= 1
+    counted = sim.counts()
+    assert counted["wall_seconds"] == sim.wall_seconds > before
+    assert counted["rhs_evaluations"] == 4 * sim.steps > evaluations
