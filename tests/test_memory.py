@@ -60,6 +60,36 @@ def test_estimate_is_what_a_run_takes(stepper: str, ne: int, np_: int) -> None:
     assert measured < (900.0 if stepper == "rk4" else 2800.0) * 6 * (ne * np_) ** 2
 
 
+LONG = """
+import sys
+from pathlib import Path
+from swe_sphere import Simulation, every
+
+resident, out = [], Path(sys.argv[2])
+sim = Simulation("williamson5", ne=2, np=4, dt=20.0, stepper=sys.argv[1])
+
+
+@every(steps=10_000)
+def note(sim):
+    resident.append(4096 * int(Path("/proc/self/statm").read_text().split()[1]))
+
+
+ended = sim.run(days=1e5 * 20.0 / 86400.0, every=6.0, out=out, callbacks=[note], progress=False)
+print(ended.status, sim.steps, *resident)
+"""
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("stepper", ["rk4", "leapfrog"])
+def test_memory_does_not_grow_in_a_hundred_thousand_steps(stepper: str, tmp_path: Path) -> None:
+    """Frames, samples, checkpoints and callbacks included."""
+    command = [sys.executable, "-c", LONG, stepper, str(tmp_path / "run.nc")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    status, steps, *resident = done.stdout.split()
+    assert (status, steps, len(resident)) == ("completed", "100000", 10)
+    assert int(resident[-1]) - int(resident[1]) < 2**20
+
+
 def test_run_that_does_not_fit_is_refused_with_both_numbers(monkeypatch) -> None:
     monkeypatch.setattr(build, "available_memory", lambda: 2.0 * 2**30)
     config = make_config({"scene": "williamson5", "stepper": "fully-implicit"})

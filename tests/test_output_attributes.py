@@ -166,3 +166,16 @@ def test_attributes_of_the_file_state_mesh_scene_and_time(written):
         assert data["time"].values.tolist() == [0.0, 3600.0]
         assert data["diagnostic_time"].values.tolist() == [0.0, 1800.0, 3600.0]
         assert math.isclose(data["area"].sum(), 4.0 * math.pi * EARTH.radius**2, rel_tol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["run.nc", "run.zarr"])
+def test_a_continued_file_keeps_its_beginning_and_has_each_sample_once(name, tmp_path):
+    file = tmp_path / name
+    first = Simulation("williamson2", ne=2, np=4, dt=1800.0)
+    first.run(days=1 / 24, out=file, progress=False)
+    Simulation.from_checkpoint(file).run(days=1 / 12, out=file, progress=False)
+    with xr.open_dataset(file, decode_cf=False) as data:
+        assert data["diagnostic_time"].values.tolist() == [0.0, 1800.0, 3600.0, 5400.0, 7200.0]
+        assert data["time"].values.tolist() == [0.0, 3600.0, 7200.0]
+        assert data.attrs["start_step"] == 0 and data.attrs["run_id"] == first.run_id
+        assert data.attrs["history"].count("run williamson2") == 2
