@@ -194,7 +194,10 @@ def test_deep_json_in_a_checkpoint_is_one_line(copied, deep):
 
 
 @pytest.mark.parametrize("name", ["array:state", "array:origin", "array:counter_rhs_evaluations"])
-@pytest.mark.parametrize("value", [np.zeros(3), np.array("x"), np.zeros((2, 2, 2)), np.array(1j)])
+@pytest.mark.parametrize(
+    "value",
+    [np.zeros(3), np.array("x"), np.zeros((2, 2, 2)), np.array(1j), np.array(np.inf)],
+)
 def test_the_arrays_of_a_checkpoint_are_checked(copied, name, value):
     path = checkpoint_path(copied)
     with np.load(path) as file:

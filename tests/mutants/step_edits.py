@@ -176,6 +176,153 @@ METADATA = _edits(
         "(ne * (np - 1) * refinement)",
         "(ne * 3 * refinement)",
     ),
+    (
+        "unit of potential enstrophy",
+        "swe_sphere/io/variables.toml",
+        (
+            "test_output_attributes.py::test_variables_have_the_dimensions_and_attributes_of_the_table",  # noqa: E501
+        ),
+        'units = "m-1 s-2"\n\n[series.angular_momentum_x]',
+        'units = "m s-2"\n\n[series.angular_momentum_x]',
+    ),
+    (
+        "standard name of the northward wind",
+        "swe_sphere/io/variables.toml",
+        (
+            "test_output_attributes.py::test_variables_have_the_dimensions_and_attributes_of_the_table",  # noqa: E501
+        ),
+        'standard_name = "northward_wind"',
+        'standard_name = "eastward_wind"',
+    ),
+    (
+        "faces numbered from one",
+        "swe_sphere/io/variables.toml",
+        ("test_netcdf.py::test_conventions",),
+        "start_index = 0",
+        "start_index = 1",
+    ),
+    (
+        "radius of the sphere left out",
+        "swe_sphere/io/layout.py",
+        (
+            "test_output_attributes.py::test_variables_have_the_dimensions_and_attributes_of_the_table",  # noqa: E501
+        ),
+        'topology["sphere"] | {"earth_radius": mesh.radius}',
+        'topology["sphere"]',
+    ),
+    (
+        "state checked every 1600 steps",
+        "swe_sphere/simulation/observers.py",
+        ("test_health.py::test_a_run_that_nothing_observes_ends_soon_after_its_state_is_ruined",),
+        "EVERY = 16\n",
+        "EVERY = 1600\n",
+    ),
+    (
+        "a depth of zero passes",
+        "swe_sphere/simulation/observers.py",
+        ("test_health.py::test_depth_is_checked_from_both_sides_of_zero",),
+        "*self._depth)) <= 0.0",
+        "*self._depth)) < 0.0",
+    ),
+    (
+        "energy may grow by the root of its bound more",
+        "swe_sphere/simulation/observers.py",
+        ("test_health.py::test_energy_is_checked_from_both_sides_of_its_bound",),
+        "growth = (self.norm / self._largest) ** 2",
+        "growth = self.norm / self._largest",
+    ),
+    (
+        "a state that a callback changed is not checked",
+        "swe_sphere/simulation/loop.py",
+        ("test_health.py::test_a_callback_that_spoils_the_state_ends_the_run",),
+        "self.health.observe(self.sim.snapshot)\n                        if self.health.norm != norm",  # noqa: E501
+        "if self.health.norm != norm",
+    ),
+    (
+        "wall time before a change of step counted twice",
+        "swe_sphere/simulation/simulation.py",
+        ("test_step_changes.py::test_wall_time_is_counted_once_over_a_change_of_step",),
+        '        spent["wall_seconds"] -= self.wall_seconds\n',
+        "",
+    ),
+    (
+        "sample at the restart written twice",
+        "swe_sphere/io/netcdf.py",
+        (
+            "test_output_attributes.py::test_a_continued_file_keeps_its_beginning_and_has_each_sample_once",  # noqa: E501
+        ),
+        "times = times[times < self._from]",
+        "times = times[times <= self._from]",
+    ),
+    (
+        "frame at the restart written twice",
+        "swe_sphere/io/netcdf.py",
+        ("test_going_on.py::test_a_file_is_known_by_its_place_and_not_by_its_name",),
+        "np.count_nonzero(times < self._from)",
+        "np.count_nonzero(times <= self._from)",
+    ),
+    (
+        "a resumed file forgets its history",
+        "swe_sphere/io/netcdf.py",
+        (
+            "test_output_attributes.py::test_a_continued_file_keeps_its_beginning_and_has_each_sample_once",  # noqa: E501
+        ),
+        'KEPT = ("run_id", "start_step", "history")',
+        'KEPT = ("run_id", "start_step")',
+    ),
+    (
+        "a resumed file begins at the restart",
+        "swe_sphere/io/netcdf.py",
+        (
+            "test_output_attributes.py::test_a_continued_file_keeps_its_beginning_and_has_each_sample_once",  # noqa: E501
+        ),
+        'KEPT = ("run_id", "start_step", "history")',
+        'KEPT = ("run_id", "history")',
+    ),
+    (
+        "summary of a run that timed out is lost",
+        "swe_sphere/simulation/summary.py",
+        ("test_simulation.py::test_a_run_that_takes_too_long_ends_in_good_order",),
+        '("not begun", "completed", "timed-out", "interrupted")',
+        '("not begun", "completed", "interrupted")',
+    ),
+    (
+        "arrays of a checkpoint may be infinite",
+        "swe_sphere/simulation/restart.py",
+        ("test_hostile_files.py::test_the_arrays_of_a_checkpoint_are_checked",),
+        "if not np.isfinite(array).all():",
+        "if np.isnan(array).any():",
+    ),
+    (
+        "fingerprints of a restart not compared",
+        "swe_sphere/simulation/restart.py",
+        ("test_going_on.py::test_a_scene_file_edited_meanwhile_is_not_the_scene",),
+        "or before.get(name) != contents",
+        "",
+    ),
+    (
+        "a frame up to a day away is taken",
+        "swe_sphere/io/runfile.py",
+        ("test_initial.py::test_any_frame_is_chosen_by_its_time",),
+        "<= TOLERANCE:\n            days",
+        "<= 86400.0:\n            days",
+    ),
+    (
+        "spread over the number of members",
+        "swe_sphere/studies/ensemble.py",
+        ("test_ensemble.py::test_a_spread_is_that_of_the_members",),
+        "axis=0, ddof=1)",
+        "axis=0, ddof=0)",
+    ),
+    (
+        "a member of a shorter run counts as finished",
+        "swe_sphere/studies/ensemble.py",
+        (
+            "test_ensemble.py::test_an_ensemble_grows_in_days_and_seeds_and_another_time_limit_is_the_same_run",  # noqa: E501
+        ),
+        'if found.get("completed") and before == days:',
+        'if found.get("completed"):',
+    ),
 )
 
 STEP_EDITS = (*TOLERANCE, *VARIABLE_STEP, *METADATA)
