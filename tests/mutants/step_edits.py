@@ -180,7 +180,7 @@ METADATA = _edits(
         "unit of potential enstrophy",
         "swe_sphere/io/variables.toml",
         (
-            "test_output_attributes.py::test_variables_have_the_dimensions_and_attributes_of_the_table",  # noqa: E501
+            "test_output_attributes.py::test_variables_have_the_dimensions_and_attributes_of_the_table",
         ),
         'units = "m-1 s-2"\n\n[series.angular_momentum_x]',
         'units = "m s-2"\n\n[series.angular_momentum_x]',
@@ -189,7 +189,7 @@ METADATA = _edits(
         "standard name of the northward wind",
         "swe_sphere/io/variables.toml",
         (
-            "test_output_attributes.py::test_variables_have_the_dimensions_and_attributes_of_the_table",  # noqa: E501
+            "test_output_attributes.py::test_variables_have_the_dimensions_and_attributes_of_the_table",
         ),
         'standard_name = "northward_wind"',
         'standard_name = "eastward_wind"',
@@ -205,7 +205,7 @@ METADATA = _edits(
         "radius of the sphere left out",
         "swe_sphere/io/layout.py",
         (
-            "test_output_attributes.py::test_variables_have_the_dimensions_and_attributes_of_the_table",  # noqa: E501
+            "test_output_attributes.py::test_variables_have_the_dimensions_and_attributes_of_the_table",
         ),
         'topology["sphere"] | {"earth_radius": mesh.radius}',
         'topology["sphere"]',
@@ -249,7 +249,7 @@ METADATA = _edits(
         "sample at the restart written twice",
         "swe_sphere/io/netcdf.py",
         (
-            "test_output_attributes.py::test_a_continued_file_keeps_its_beginning_and_has_each_sample_once",  # noqa: E501
+            "test_output_attributes.py::test_a_continued_file_keeps_its_beginning_and_has_each_sample_once",
         ),
         "times = times[times < self._from]",
         "times = times[times <= self._from]",
@@ -265,7 +265,7 @@ METADATA = _edits(
         "a resumed file forgets its history",
         "swe_sphere/io/netcdf.py",
         (
-            "test_output_attributes.py::test_a_continued_file_keeps_its_beginning_and_has_each_sample_once",  # noqa: E501
+            "test_output_attributes.py::test_a_continued_file_keeps_its_beginning_and_has_each_sample_once",
         ),
         'KEPT = ("run_id", "start_step", "history")',
         'KEPT = ("run_id", "start_step")',
@@ -274,7 +274,7 @@ METADATA = _edits(
         "a resumed file begins at the restart",
         "swe_sphere/io/netcdf.py",
         (
-            "test_output_attributes.py::test_a_continued_file_keeps_its_beginning_and_has_each_sample_once",  # noqa: E501
+            "test_output_attributes.py::test_a_continued_file_keeps_its_beginning_and_has_each_sample_once",
         ),
         'KEPT = ("run_id", "start_step", "history")',
         'KEPT = ("run_id", "history")',
@@ -318,7 +318,7 @@ METADATA = _edits(
         "a member of a shorter run counts as finished",
         "swe_sphere/studies/ensemble.py",
         (
-            "test_ensemble.py::test_an_ensemble_grows_in_days_and_seeds_and_another_time_limit_is_the_same_run",  # noqa: E501
+            "test_ensemble.py::test_an_ensemble_grows_in_days_and_seeds_and_another_time_limit_is_the_same_run",
         ),
         'if found.get("completed") and before == days:',
         'if found.get("completed"):',
