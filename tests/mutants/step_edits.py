@@ -105,8 +105,8 @@ VARIABLE_STEP = _edits(
         "BDF2: guess as for equal steps",
         BDF2,
         _GUESSES,
-        "axpby(-w, self.previous, 1.0 + w, out)",
-        "axpby(-1.0, self.previous, 2.0, out)",
+        "axpby(-w, self.previous, 1.0 + w, self.state, out)",
+        "axpby(-1.0, self.previous, 2.0, self.state, out)",
     ),
     (
         "Gauss-Legendre: slopes of the outer step",
