@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -57,11 +58,17 @@ def write_page(
         console.print(_table(section))
         known[name] = vars(section) | {
             "machine": machine(),
-            "measured": datetime.now(UTC).strftime("%Y-%m-%d"),
+            "measured": f"{datetime.now(UTC):%Y-%m-%d}, commit {_commit()}",
         }
         known = {key: known[key] for key in sections if key in known}
         store.write_text(json.dumps(known, indent=1, ensure_ascii=False) + "\n")
         (DOCS / f"{page}.md").write_text(_page(head, known))
+
+
+def _commit() -> str:
+    """Return the commit of the measured code, without what is not committed yet."""
+    git = ["git", "log", "-1", "--format=%h"]
+    return subprocess.run(git, cwd=DOCS, capture_output=True, text=True).stdout.strip()
 
 
 def _table(section: Section) -> Table:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support import harmonic, make_scene, random_state, relative, tangent, tendency
+import scipy
+from support import IMPLICIT, harmonic, make_scene, random_state, relative, tangent, tendency
 
 from swe_sphere import Simulation
 from swe_sphere.equations.effects import EdgePenalty, Hyperviscosity
@@ -193,6 +194,56 @@ def test_it_takes_part_in_a_step_of_every_stepper():
         change = (stepper.state.numpy() - state)[: 2 * mesh.size]
         assert relative(change, steps * rate) < 1e-3, name
     assert np.all(tendency(plain, state) == 0.0)
+
+
+@pytest.mark.parametrize("name", IMPLICIT)
+def test_implicit_steppers_solve_equations_without_it(mesh, name):
+    """Products with the Jacobian launch what they do without it, to second order in time."""
+    names = "pressure", "rotation"
+    model, plain = penalised(mesh, *names), Model(mesh, make_scene(*names))
+    dt = 0.5 / model.penalty_radius
+    stepper = STEPPERS[name](model, dt)
+    launched = [
+        len(each.right_hand_side("tangent", base=each.zeros()).operations)
+        for each in (stepper.model, plain)
+    ]
+    first_order = name == "gauss-legendre" or stepper.order == 1
+    assert launched[0] == launched[1] and stepper.order_in(model) == 2 - first_order
+
+
+@pytest.mark.parametrize("name", ["tr-bdf2", "bdf2", "esdirk4", "average-vector-field"])
+def test_the_penalty_is_of_second_order_in_long_steps(name):
+    """A strong one, in a flow with slow modes only: errors against the penalty in the stages."""
+    mesh = Mesh.build(2, 4)
+    scene = make_scene("rotation").with_effect(EdgePenalty(0.2, SPEED))
+    model = Model(mesh, scene)
+    state, n = random_state(model), 2 * mesh.size
+    matrix = np.stack([tendency(model, unit)[:n] for unit in np.eye(model.size)[:n]], axis=1)
+    duration = 4.0 * 0.5 / model.penalty_radius
+    exact = scipy.linalg.expm(duration * matrix) @ state[:n]
+    errors = []
+    for steps in (8, 16, 32):
+        stepper = STEPPERS[name](model, duration / steps, tolerance=1e-9)
+        stepper.start(model.device_mesh.upload(state))
+        for _ in range(steps):
+            stepper.step()
+        errors.append(np.linalg.norm(stepper.state.numpy()[:n] - exact) / np.linalg.norm(exact))
+    assert np.log2(errors[1] / errors[2]) > 1.8, errors
+
+
+@pytest.mark.parametrize("name", IMPLICIT)
+def test_steps_of_any_length_damp(name):
+    """A step that is ten times as long as an explicit one of the penalty alone may be."""
+    mesh = Mesh.build(2, 4)
+    model = Model(mesh, make_scene("rotation").with_effect(EdgePenalty(C, SPEED)))
+    stepper = STEPPERS[name](model, 20.0 / model.penalty_radius, tolerance=1e-8)
+    stepper.start(model.device_mesh.upload(random_state(model)))
+    energies = []
+    for _ in range(12):
+        u, v, _ = np.split(stepper.state.numpy(), 3)
+        energies.append(np.sum(mesh.area * (u**2 + v**2)))
+        stepper.step()
+    assert energies[-1] < energies[0]
 
 
 @pytest.mark.parametrize(

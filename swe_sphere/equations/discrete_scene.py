@@ -62,6 +62,9 @@ class DiscreteScene:
         self.room = cache(lambda name: DiscreteScene.zeros(self, self.fluid_size))
         """Room for a field of wind and depth that all models which share arrays use in turns."""
 
+    held: wp.array | None = None
+    """A rate of the wind (2N,) that is part of the dissipation and of no Jacobian, or None."""
+
     def zeros(self, size: int) -> wp.array:
         """Return zeros (size,) in the number type of the run."""
         return wp.zeros(size, dtype=self.device_mesh.real, device=self.device)

@@ -1,6 +1,7 @@
 """A scene on a mesh and a device: its states and its right-hand sides."""
 
 import copy
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 
@@ -9,6 +10,7 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.discrete_scene import DiscreteScene
+from swe_sphere.equations.effects import Effect
 from swe_sphere.equations.jacobian import DifferenceJacobian, ExactJacobian, Jacobian
 from swe_sphere.equations.right_hand_side import (
     COMPONENTS,
@@ -84,8 +86,8 @@ class Model(DiscreteScene):
 
     @property
     def dissipative(self) -> bool:
-        """True if the scene has an effect that damps."""
-        return any(effect.dissipation for effect in self.scene.effects)
+        """True if the scene has an effect that damps, or a rate is held."""
+        return self.held is not None or any(effect.dissipation for effect in self.scene.effects)
 
     @property
     def diffusive(self) -> bool:
@@ -107,21 +109,30 @@ class Model(DiscreteScene):
     @cached_property
     def inviscid(self) -> "Model":
         """The model without viscosity, hyperviscosity and edge penalty; it shares all arrays."""
-        if not (self.diffusive or self.penalised):
+        return self.without(lambda effect: effect.diffuses or effect.name == "edge-penalty")
+
+    def unpenalised(self, held: wp.array | None = None) -> "Model":
+        """Return the model without edge penalty, and with the rate of the wind (2N,) in `held`."""
+        return self.without(lambda effect: effect.name == "edge-penalty", held)
+
+    def without(self, left_out: Callable[[Effect], bool], held: wp.array | None = None) -> "Model":
+        """Return the model without some effects; it shares all arrays."""
+        effects = tuple(effect for effect in self.scene.effects if not left_out(effect))
+        if len(effects) == len(self.scene.effects):
             return self
-        effects = tuple(
-            e for e in self.scene.effects if not (e.diffuses or e.name == "edge-penalty")
-        )
-        return self._alike(replace(self.scene, effects=effects), isinstance(self.carried, MassFlux))
+        scene = replace(self.scene, effects=effects)
+        held = self.held if held is None else held
+        return self._alike(scene, isinstance(self.carried, MassFlux), held)
 
     @cached_property
     def carrier(self) -> "Model":
         """The model with the flux of mass in the place of tracers; all else is shared."""
-        return self._alike(self.scene, True)
+        return self._alike(self.scene, True, self.held)
 
-    def _alike(self, scene: Scene, carries_flux: bool) -> "Model":
-        """A model with fewer effects, or other fields behind the fluid."""
+    def _alike(self, scene: Scene, carries_flux: bool, held: wp.array | None) -> "Model":
+        """Return a model with fewer effects, or other fields behind the fluid."""
         other = copy.copy(self)
+        other.held = held
         for name, attribute in vars(Model).items():
             if isinstance(attribute, cached_property):
                 vars(other).pop(name, None)

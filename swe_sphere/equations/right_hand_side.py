@@ -105,8 +105,15 @@ def fluid_operations(
         source = model.room("difference")
         operations.append(Operation(subtract, target=source))
     operations += term_operations(model, terms, point, given, stage, source)
+    factor = 1.0 if stage is None else stage.tau
+    if model.held is not None and component in ("all", "dissipative"):
+        run, add, held = model.launch, combine_kernel(model.device_mesh.real, 1), model.held
+        run.load(add)
+        operations.append(
+            Operation(lambda x, out: run(add, held.size, out, held, factor, out), source)
+        )
     if "edge-penalty" in _flags(model.scene, component):
-        penalty, factor = model.edge_penalty, 1.0 if stage is None else stage.tau
+        penalty = model.edge_penalty
         operations.append(Operation(lambda x, out: penalty(x, factor, out, out), source))
     return operations
 

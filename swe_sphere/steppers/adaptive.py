@@ -61,7 +61,7 @@ class AdaptiveSteps(Trajectory):
             raise ConfigError(
                 f"adaptive: stepper {scheme.name} has no error estimate; take one of {names}"
             )
-        if scheme.diffusion is not None or scheme.penalty is not None:
+        if scheme.diffusion is not None:
             raise ConfigError(
                 "adaptive: diffusion apart has no estimate of its error: take it whole"
             )

@@ -126,6 +126,7 @@ class BDF2(ImplicitStepper):
     style = ("#516CF6", "^")
     default_tolerance = 1e-2
     memory = "state", "previous"
+    penalised_at = 1.0
     error_constant = 2.0 / 9.0  # for equal steps (Hairer, Norsett & Wanner 1993, III.2)
 
     def allocate(self) -> None:

@@ -42,7 +42,9 @@ class ExponentialMultistep(VariableStepper):
         cls.error_constant = abs(_remainder(cls.weights, cls.order))
 
     def __init__(self, model: Model, dt: float, tolerance: float | None = None) -> None:
-        super().__init__(model, dt, StageSolver(model, self.solver_tolerance(tolerance)))
+        solver = StageSolver(model.unpenalised(), self.solver_tolerance(tolerance))
+        super().__init__(model, dt, solver)
+        model = self.model
         space, past = self.space, len(self.weights[0]) if self.weights else 0
         self.counters |= {"rejected_steps": 0, "krylov_steps": 0}
         terms = max(3, 1 + len(self.weights))

@@ -132,6 +132,7 @@ class GaussLegendre(ImplicitStepper):
     error_constant = error_constant(np.array(A), np.array(B), order)
 
     equations = CoupledStages
+    penalised_at = 0.0  # fast waves, which it leaves undamped, must not be extrapolated
     memory = "state", "slopes"  # those of the last step
 
     def allocate(self) -> None:
@@ -142,6 +143,10 @@ class GaussLegendre(ImplicitStepper):
         )
         # what the solved stages have more than the state: at rest exactly nothing
         self._changes = self._pair.reshape((len(C), self.space.n))
+
+    @classmethod
+    def order_in(cls, model: Model, **options: Any) -> int:
+        return 1 if model.penalised else super().order_in(model, **options)
 
     def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
         stages = split(self._pair)

@@ -17,6 +17,7 @@ from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.newton import NewtonKrylov
 from swe_sphere.solvers.preconditioners import Preconditioner, make_preconditioner
 from swe_sphere.solvers.vector_space import VectorSpace
+from swe_sphere.steppers.split_diffusion import HeldPenalty
 from swe_sphere.steppers.stage_solver import StageSolver
 from swe_sphere.steppers.stepper import Family, Stepper, Trajectory
 
@@ -259,6 +260,8 @@ class ImplicitStepper(VariableStepper):
 
     equations: ClassVar[type[StageProblem]] = StageProblem
     """The equations of an implicit stage."""
+    penalised_at: ClassVar[float] = 0.5
+    """Time of the state whose edge penalty a step holds, in steps after its start."""
     solver: NewtonStages
     guesses: Sequence[wp.array] = ()
     """Slopes from which stages are guessed, those of the last step."""
@@ -271,12 +274,25 @@ class ImplicitStepper(VariableStepper):
         if diffusion not in DIFFUSION:
             raise ConfigError(f"diffusion is {' or '.join(DIFFUSION)}, not {diffusion!r}")
         self.diffusion_apart = diffusion == "apart"
+        self._held = HeldPenalty(model, dt) if model.penalised else None
+        if self._held is not None:
+            model = model.unpenalised(self._held.rate)
         solver = solver or NewtonStages(
             model.inviscid if self.diffusion_apart else model, self.solver_tolerance(tolerance),
             preconditioner, self.equations,
         )  # fmt: skip
         super().__init__(model, dt, solver)
         self.allocate()
+
+    def start(self, state: wp.array, t: float = 0.0) -> None:
+        if self._held is not None:
+            self._held.rate.zero_()
+        super().start(state, t)
+
+    def attempt(self, t: float, dt: float) -> str | None:
+        if self._held is not None:
+            self._held.find(self.state, self.solver.mean_slope, self.penalised_at * dt, dt)
+        return super().attempt(t, dt)
 
     def begin(self, slope: wp.array) -> None:
         """Guess the slope at the start for all stages."""

@@ -29,8 +29,11 @@ limit `forward-backward` amplifies waves of which less than -0.24 is left, at 0.
 LONGEST_CYCLE = 24
 """Most steps between two actions of the edge penalty, which are also at most 1.5 radians of
 inertial oscillations apart: the modes that it removes are such oscillations."""
-MOST_PARTS = 50
+MOST_PARTS = 200
 """So many actions of the edge penalty follow each other at most."""
+HELD = 0.75
+"""Rate times step up to which an implicit step may hold the edge penalty as it is: explicit steps
+of a state that is extrapolated by half a step are stable up to 1."""
 MOST_STAGES = 1000
 """So many even out whole elements in a step."""
 
@@ -125,13 +128,15 @@ class SplitPenalty:
     must be weak enough to leave waves near the limit of the step alone.
     """
 
-    def __init__(self, model: Model, dt: float, chains: int | None) -> None:
+    def __init__(
+        self, model: Model, dt: float, chains: int | None, most: int = LONGEST_CYCLE
+    ) -> None:
         self._model, self._second_order = model, chains is None
         self._chains = chains or 1
         reach, whole = {None: (1.5, 1.5), 1: (0.7, 1.0), 2: (0.5, 1.0)}[chains]
         radius, rotation = model.penalty_radius, abs(model.scene.planet.rotation)
         longest = min(reach / radius, 0.75 / rotation if rotation else math.inf)
-        self.every = max(2, 2 * int(min(longest / (2.0 * dt), LONGEST_CYCLE // 2)))
+        self.every = min(most, max(2, 2 * int(min(longest / (2.0 * dt), LONGEST_CYCLE // 2))))
         needed = self.every * dt * radius / whole
         if not needed <= MOST_PARTS:
             raise ConfigError(
@@ -166,3 +171,33 @@ class SplitPenalty:
         if follow is not None:
             launch(add, change.size, x, change, -1.0, change)
             follow(change)
+
+
+class HeldPenalty:
+    """The edge penalty as a `rate` of the wind that is constant in a step of at most dt [s].
+
+    The equations of an implicit step then cost what they do without it.
+    """
+
+    def __init__(self, model: Model, dt: float) -> None:
+        self.rate = model.zeros(2 * model.device_mesh.size)
+        self._model, self._dt, self._longest = model, dt, HELD / model.penalty_radius
+        self._point, self._end = model.zeros(), model.zeros()
+        self._split = SplitPenalty(model, dt, None, most=1)
+        self._add = combine_kernel(model.device_mesh.real, 1)
+
+    def find(self, state: wp.array, slope: wp.array, ahead: float, dt: float) -> None:
+        """Find the rate for a step of dt [s], of the state that is `ahead` [s] by the slope.
+
+        Long steps, in which that would overshoot, have the mean rate of a step of the penalty.
+        """
+        launch, add, rate, end = self._model.launch, self._add, self.rate, self._end
+        launch(add, end.size, state, slope, ahead, self._point)
+        rate.zero_()
+        if dt <= self._longest:
+            self._model.penalise(self._point, 1.0, rate, rate)
+            return
+        wp.copy(end, self._point)
+        self._split.act(end)
+        launch(add, rate.size, rate, end, 1.0 / self._dt, rate)
+        launch(add, rate.size, rate, self._point, -1.0 / self._dt, rate)

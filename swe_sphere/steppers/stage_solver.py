@@ -58,7 +58,9 @@ class Motion:
 
     def __init__(self, space: VectorSpace) -> None:
         self.space = space
-        self._slope, self._work = space.zeros(), space.zeros()
+        self._work = space.zeros()
+        self.mean_slope = space.zeros()
+        """Change over the last step, divided by its length."""
         self.bend = space.zeros()
         """x'' between the last two steps."""
         self.rate, self.last_dt = 0.0, 0.0
@@ -67,7 +69,7 @@ class Motion:
 
     def accept(self, old: wp.array, new: wp.array, dt: float) -> None:
         """Record a step of dt [s] between two states."""
-        space, slope, bend, before = self.space, self._work, self._slope, self.bend
+        space, slope, bend, before = self.space, self._work, self.mean_slope, self.bend
         apart = 0.5 * (dt + self.last_dt)
         space.axpby(1.0 / dt, new, -1.0 / dt, old, slope)
         space.axpby(1.0 / apart, slope, -1.0 / apart, bend)
@@ -77,7 +79,7 @@ class Motion:
         first = _ratio(math.sqrt(now), self.rate)
         second = _ratio(math.sqrt(max(now - 2.0 * both + then, 0.0) / now), dt) if now else first
         self.frequencies = first, (max(first, second) if then else first)
-        self._slope, self.bend, self._work, self.last_dt = slope, bend, before, dt
+        self.mean_slope, self.bend, self._work, self.last_dt = slope, bend, before, dt
 
     def truncation(self, constant: float, order: int, dt: float) -> float:
         """Return the residual that a solver may leave in a step of dt [s] of a scheme with error
@@ -90,7 +92,7 @@ class Motion:
 
     def arrays(self) -> dict[str, wp.array]:
         """Return the arrays that an exact restart needs."""
-        return {"mean_slope": self._slope, "bend": self.bend}
+        return {"mean_slope": self.mean_slope, "bend": self.bend}
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Return what an exact restart needs beside `arrays`."""
@@ -137,7 +139,7 @@ class StageSolver(Motion):
 
         The array returned is that of the slope, not a copy.
         """
-        space, slope, bend, probe = self.space, self._slope, self.bend, PROBE * dt
+        space, slope, bend, probe = self.space, self.mean_slope, self.bend, PROBE * dt
         self.model.tendency(state, t, slope)
         space.axpby(probe, slope, 1.0, state, self._work)
         self.model.tendency(self._work, t + probe, bend)

@@ -170,10 +170,10 @@ class Stepper(Trajectory, ABC):
     """Time integrator of a model with a fixed step dt [s].
 
     A method defines `advance`, which changes `state` in place, and `growth`, from which its longest
-    stable step follows.  With `diffusion_apart` its `model` has no viscosity, no hyperviscosity and
-    no edge penalty: `diffusion` steps the first two, after even steps and before odd ones, which is
-    Strang's splitting of two steps and of second order; the `penalty` acts in the middle of longer
-    cycles.
+    stable step follows.  Its `model` has no edge penalty: the `penalty` acts in the middle of
+    cycles of steps.  With `diffusion_apart` the model has no viscosity and no hyperviscosity
+    either: `diffusion` steps them, after even steps and before odd ones, which is Strang's
+    splitting of two steps and of second order.
     """
 
     family: ClassVar[Family] = "explicit"
@@ -182,7 +182,7 @@ class Stepper(Trajectory, ABC):
     style: ClassVar[tuple[str, Marker] | None] = None
     """Colour and marker in pictures; None: whatever is free."""
     diffusion_apart: bool = True
-    """True if diffusion and edge penalty are applied separately, so that they limit no step."""
+    """True if diffusion is applied separately, so that it limits no step."""
     diffusion_steps: ClassVar[int | None] = None
     """Steps over which `advance` has `diffusion` join its change; None: `step` splits it off."""
     diffusion_order: ClassVar[int] = 2
@@ -234,13 +234,12 @@ class Stepper(Trajectory, ABC):
         self.diffusion: Diffusion | None = None
         self.penalty: SplitPenalty | None = None
         self.wind_changed: Callable[[wp.array], None] | None = None  # of the change (2N,)
-        if self.diffusion_apart:
-            if model.diffusive:
-                whole = dt * (self.diffusion_steps or 1)
-                self.diffusion = Diffusion(model, whole, self.diffusion_order)
-            if model.penalised:
-                self.penalty = SplitPenalty(model, dt, self.diffusion_steps)
-            self.model = model.inviscid
+        if self.diffusion_apart and model.diffusive:
+            whole = dt * (self.diffusion_steps or 1)
+            self.diffusion = Diffusion(model, whole, self.diffusion_order)
+        if model.penalised:
+            self.penalty = SplitPenalty(model, dt, self.diffusion_steps)
+        self.model = model.inviscid if self.diffusion_apart else model.unpenalised()
         self._apart = self.diffusion if self.diffusion_steps is None else None
         self._replay: Replay | None = None
         if self.repeats_from is not None and model.scene.autonomous:
@@ -345,10 +344,10 @@ class Stepper(Trajectory, ABC):
         """Order of the method for a model, if it is built with those options."""
         if cls.holds_damping and model.inviscid.dissipative:
             return 1
-        apart = cls.diffusion_apart or options.get("diffusion") == "apart"
-        if model.penalised and apart and cls.diffusion_steps:
+        if model.penalised and cls.diffusion_steps:
             return 1
-        limited = apart and (model.diffusive or model.penalised)
+        apart = cls.diffusion_apart or options.get("diffusion") == "apart"
+        limited = model.penalised or (apart and model.diffusive)
         return min(cls.order, cls.diffusion_order) if limited else cls.order
 
     def solver_tolerance(self, tolerance: float | None) -> float:
