@@ -20,6 +20,7 @@ import types
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from string import Template as Text
 from typing import TYPE_CHECKING, Any
 
 import warp as wp
@@ -27,9 +28,10 @@ import warp as wp
 REGISTER_BYTES = 64
 
 
-def source(name: str) -> str:
-    """Return the C++ of a native function that stands in a file of `kernels/simd/`."""
-    return Path(__file__).with_name("simd").joinpath(f"{name}.cpp").read_text(encoding="utf-8")
+def source(name: str, **given: object) -> str:
+    """Return the C++ of a native function, kernels/simd/NAME.cpp, with the values of its $names."""
+    path = Path(__file__).with_name("simd") / f"{name}.cpp"
+    return Text(path.read_text(encoding="utf-8")).substitute(given)
 
 
 @dataclass(frozen=True)

@@ -51,25 +51,7 @@ def line_sums(np_: int, kind: Any = value, transposed: bool = False) -> tuple[An
     def line_sum(factor: str, node: str) -> Any:
         """Return the sum over m of d at `factor` times f at `node`."""
 
-        @Register.func_native(f"""
-            const int count = sizeof(*f.data) / sizeof(run);
-            run sums[count];
-            #pragma unroll
-            for (int m = 0; m < {np_}; ++m) {{
-                const auto a = d.data[{factor}];
-                const auto at = reinterpret_cast<const run*>(f.data + ({node}));
-                #pragma unroll
-                for (int k = 0; k < count; ++k) {{
-                    const run product = a * at[k];
-                    sums[k] = m > 0 ? sums[k] + product : product;
-                }}
-            }}
-            auto r = *f.data;
-            const runs each = runs(&r);
-            #pragma unroll
-            for (int k = 0; k < count; ++k) each[k] = sums[k];
-            return r;
-        """)
+        @Register.func_native(source("line_sum", np=np_, factor=factor, node=node))
         def line_sum(
             d: wp.array2d(dtype=real), f: wp.array2d(dtype=kind), i: int, j: int
         ) -> kind: ...
@@ -87,19 +69,7 @@ def rows_product(rows: int, columns: int) -> Any:
     It computes `rows` sums, four at a time, which do not wait for each other.
     """
 
-    @Register.func_native(f"""
-        const auto from = runs(x.data), to = runs(y.data);
-        for (int k = 0; k < {rows}; k += 4) {{
-            const int count = {rows} - k < 4 ? {rows} - k : 4;
-            const auto row = m.data + (first + k) * {columns};
-            run sums[4] = {{}};
-            const auto add = [&](int r, int n) {{ sums[r] += row[r * {columns} + n] * from[n]; }};
-            for (int n = 0; n < {columns}; ++n)
-                if (count == 4) {{ add(0, n); add(1, n); add(2, n); add(3, n); }}
-                else for (int r = 0; r < count; ++r) add(r, n);
-            for (int r = 0; r < count; ++r) to[k + r] = sums[r];
-        }}
-    """)
+    @Register.func_native(source("rows_product", rows=rows, columns=columns))
     def product(
         m: wp.array2d(dtype=real), first: int, x: wp.array(dtype=value), y: wp.array(dtype=value)
     ): ...
@@ -115,20 +85,7 @@ def functions_sum(functions: int, points: int) -> Any:
     """
     smooth = functions - 12
 
-    @Register.func_native(f"""
-        const auto at = runs(c.data);
-        const auto part = [&](int k) {{ return values.data[k * {points} + n] * at[k]; }};
-        run sum = part(0), modes = {{}};
-        for (int k = 1; k < {smooth}; ++k) {{ const run hat = part(k); sum += hat; }}
-        for (int k = {smooth}; k < {smooth} + 4; ++k) {{
-            const run first = part(k + 4), second = part(k + 8), both = part(k);
-            const run along = first + second;
-            const run corner = both + along;
-            modes += corner;
-        }}
-        sum += modes;
-        return as_value(sum);
-    """)
+    @Register.func_native(source("functions_sum", points=points, smooth=smooth))
     def sum_at_point(values: wp.array2d(dtype=real), n: int, c: wp.array(dtype=value)) -> value: ...
 
     return sum_at_point
@@ -158,15 +115,7 @@ def entries_sum(factor: str) -> Any:
     return row
 
 
-@Register.func_native("""
-    for (int k = at.data[g]; k < at.data[g + 1]; ++k) {
-        run product = runs(values.data)[k] * runs(y.data)[g];
-        const auto each = reinterpret_cast<number*>(&product);
-        for (int half = lanes / 2; half > 0; half /= 2)
-            for (int i = 0; i < half; ++i) each[i] += each[i + half];
-        out.data[k] = each[0];
-    }
-""")
+@Register.func_native(source("columns_products"))
 def columns_products(
     at: Numbers, values: wp.array(dtype=value), y: wp.array(dtype=value), g: int, out: vector
 ):

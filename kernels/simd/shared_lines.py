@@ -10,7 +10,7 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import Register, real
+from swe_sphere.kernels.define import Register, real, source
 
 MOST_THREADS = 256
 
@@ -73,23 +73,9 @@ def shared_lines(kind: Any, np_: int, name: str, transposed: bool) -> tuple[Any,
     def line_sum(row: int, factor: str, node: str) -> Any:
         """Return the sum over m of d at `factor` times the numbers at `node`, from a row on."""
 
-        @Register.func_native(f"""
-            const auto from = reinterpret_cast<const number*>(room) + {row * MOST_THREADS};
-            number sums[{count}] = {{}};
-            #pragma unroll
-            for (int m = 0; m < {np_}; ++m) {{
-                const auto a = d.data[{factor}];
-                #pragma unroll
-                for (int k = 0; k < {count}; ++k) {{
-                    const auto product = a * from[k * {MOST_THREADS} + {node}];
-                    sums[k] += product;
-                }}
-            }}
-            wp::vec_t<{count}, number> r;
-            #pragma unroll
-            for (int k = 0; k < {count}; ++k) r.c[k] = sums[k];
-            return r;
-        """)
+        sizes = {"count": count, "np": np_, "apart": MOST_THREADS, "begin": row * MOST_THREADS}
+
+        @Register.func_native(source("shared_sum", **sizes, factor=factor, node=node))
         def shared_sum(room: wp.uint64, d: wp.array2d(dtype=real), i: int, j: int) -> kind: ...
 
         return shared_sum

@@ -17,6 +17,7 @@ from swe_sphere.kernels.define import (
     lanes,
     real,
     rows,
+    source,
     struct_of,
     value,
     vector,
@@ -56,16 +57,7 @@ def leave_of(fields: int) -> Any:
     Where the stage is not `on`, out[at] = rate.  The fields are `size` apart.
     """
 
-    @Register.func_native(f"""
-        for (int f = 0; f < {fields}; ++f, at += size) {{
-            run r = runs(&rates)[f];
-            if (s.on) {{
-                r *= s.tau;
-                r += *runs(s.start.data + at);
-            }}
-            *runs(out.data + at) = r;
-        }}
-    """)
+    @Register.func_native(source("leave", fields=fields))
     def leave(s: stage, at: int, size: int, rates: rows(fields), out: vector): ...
 
     return leave
@@ -79,21 +71,7 @@ def step_of(shifted: bool) -> Any:
     may be one array.  If `shifted`, `base` is subtracted from the sum.
     """
 
-    @Register.func_native(f"""
-        run change = *runs(&rate), sum, more;
-        const run first = *runs(now.data + at);
-        const run second = *runs(past.data + at);
-        change *= tau;
-        change += first;
-        sum = change * weights.c[0];
-        more = first * weights.c[1];
-        sum += more;
-        more = second * weights.c[2];
-        sum += more;
-        {"sum -= *runs(base.data + at);" if shifted else ""}
-        *runs(out.data + at) = change;
-        *runs(mixed.data + at) = sum;
-    """)
+    @Register.func_native(source("step", shift="sum -= *runs(base.data + at);" if shifted else ""))
     def step(
         now: vector, past: vector, at: int, rate: value, tau: real, weights: triple, base: vector,
         out: vector, mixed: vector,
@@ -102,17 +80,7 @@ def step_of(shifted: bool) -> Any:
     return step
 
 
-@Register.func_native("""
-    const run start = *runs(x.data + at);
-    run sum = start;
-    for (int k = first; k < last; ++k) {
-        run change = *runs(levels.data + size_t(k) * levels.shape[1] + at);
-        change -= start;
-        change *= weights.data[k];
-        sum += change;
-    }
-    *runs(out.data + at) = sum;
-""")
+@Register.func_native(source("mix_run"))
 def mix_run(
     x: vector, levels: wp.array2d(dtype=real), weights: vector, first: int, last: int, at: int,
     out: vector,
@@ -134,22 +102,7 @@ def mix(
         mix_run(x, levels, weights, first, last, f * size + node, out)
 
 
-@Register.func_native("""
-    const auto scaled = [&](const auto& v, auto c) {
-        run r = *runs(v.data + at);
-        r *= c;
-        return r;
-    };
-    run d = scaled(last, cl), r = scaled(rate, cr);
-    d += scaled(before, cb);
-    r += scaled(first, cf);
-    r += scaled(slope, cs);
-    d += r;
-    r = *runs(x.data + at);
-    r += d;
-    *runs(y.data + at) = r;
-    *runs(change.data + at) = d;
-""")
+@Register.func_native(source("diffusive_run"))
 def diffusive_run(
     at: int, x: vector, last: vector, cl: real, before: vector, cb: real, rate: vector, cr: real,
     first: vector, cf: real, slope: vector, cs: real, change: vector, y: vector,

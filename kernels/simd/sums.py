@@ -72,39 +72,13 @@ def _by_spans(code: str) -> Any:
     return by_spans
 
 
-combinations = _by_spans("""
-    const auto x = reinterpret_cast<const number*>(call.data[0]) + first;
-    const auto out = reinterpret_cast<number*>(call.data[2]) + first;
-    const number scale = *c++;
-    number sum[most] = {};
-    auto row = reinterpret_cast<const number*>(call.data[1]) + first;
-    long left = call.data[3];
-    for (; left >= 4; left -= 4, row += 4 * n, c += 4) {
-        const number a = c[0], b = c[1], d = c[2], e = c[3];
-        const auto r = row + n, s = r + n, t = s + n;
-        for (long i = 0; i < m; ++i) sum[i] += (a * row[i] + b * r[i]) + (d * s[i] + e * t[i]);
-    }
-    for (; left > 0; --left, row += n, ++c) {
-        const number a = *c;
-        for (long i = 0; i < m; ++i) sum[i] += a * row[i];
-    }
-    #pragma clang loop vectorize(assume_safety)
-    for (long i = 0; i < m; ++i) out[i] = scale * (x[i] + sum[i]);
-""")
+combinations = _by_spans(source("combinations"))
 """Kernel (call, coefficients (1 + m,) float64, n), a thread for each SPAN numbers.
 
 call: addresses of x (n,), a stack (m, n) and out (n,), and how many rows.  out = c_0 (x + sum_s
 c_(1 + s) stack[s]); `out` may be `x`.
 """
-scaled_sum = _by_spans("""
-    #pragma clang fp contract(off)
-    const auto x = reinterpret_cast<const number*>(call.data[0]) + first;
-    const auto y = reinterpret_cast<const number*>(call.data[1]) + first;
-    const auto out = reinterpret_cast<number*>(call.data[2]) + first;
-    const number a = c[0], b = c[1];
-    #pragma clang loop vectorize(assume_safety)
-    for (long i = 0; i < m; ++i) out[i] = a * x[i] + b * y[i];
-""")
+scaled_sum = _by_spans(source("scaled_sum"))
 """Kernel (call, coefficients (2,) float64, n): c_0 x + c_1 y, either product rounded by itself.
 
 call: the addresses of x, y and the result (n,), which may be one of them.

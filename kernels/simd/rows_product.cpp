@@ -1,0 +1,12 @@
+// Body of product in rows_product of arithmetic.py.
+const auto from = runs(x.data), to = runs(y.data);
+for (int k = 0; k < $rows; k += 4) {
+    const int count = $rows - k < 4 ? $rows - k : 4;
+    const auto row = m.data + (first + k) * $columns;
+    run sums[4] = {};
+    const auto add = [&](int r, int n) { sums[r] += row[r * $columns + n] * from[n]; };
+    for (int n = 0; n < $columns; ++n)
+        if (count == 4) { add(0, n); add(1, n); add(2, n); add(3, n); }
+        else for (int r = 0; r < count; ++r) add(r, n);
+    for (int r = 0; r < count; ++r) to[k + r] = sums[r];
+}
