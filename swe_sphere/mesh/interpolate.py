@@ -1,5 +1,7 @@
 """Spectral-element interpolation of nodal fields to any points of the sphere."""
 
+from __future__ import annotations  # scipy.sparse is loaded where it is used
+
 import functools
 
 import numpy as np

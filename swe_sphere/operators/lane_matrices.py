@@ -1,5 +1,7 @@
 """Sparse matrices on the device, a row in each SIMD lane, and the vectors they act on."""
 
+from __future__ import annotations  # scipy.sparse is loaded where it is used
+
 import numpy as np
 import scipy
 import warp as wp

@@ -11,6 +11,8 @@ preconditioner, as it differs on the grid-scale modes.  `SchurMatrix` has S as s
 the host, for diagonals, coarse levels and patches.
 """
 
+from __future__ import annotations  # scipy.sparse is loaded where it is used
+
 import functools
 from typing import Any
 

@@ -4,6 +4,8 @@ They are the operators of the kernels, entry by entry: block elimination of the 
 has to use these and not a compact Laplacian.
 """
 
+from __future__ import annotations  # scipy.sparse is loaded where it is used
+
 from collections.abc import Callable
 from dataclasses import dataclass
 

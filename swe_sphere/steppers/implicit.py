@@ -232,11 +232,15 @@ class VariableStepper(Stepper):
         Returns what is wrong with it, in words; `state` has not changed before `accept`.
         """
         check_stop()
+        self.hold(dt)
         self.solver.aim(self.state, self.error_constant, self.order, dt)
         fault = self.solve_step(t, dt, self.new) or self.solver.fault(self.new)
         if fault:
             self.solver.reject()
         return fault
+
+    def hold(self, dt: float) -> None:
+        """Find what stays constant in the equations of a step of dt [s] from `state`."""
 
     @abstractmethod
     def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
@@ -289,10 +293,9 @@ class ImplicitStepper(VariableStepper):
             self._held.rate.zero_()
         super().start(state, t)
 
-    def attempt(self, t: float, dt: float) -> str | None:
+    def hold(self, dt: float) -> None:
         if self._held is not None:
             self._held.find(self.state, self.solver.mean_slope, self.penalised_at * dt, dt)
-        return super().attempt(t, dt)
 
     def begin(self, slope: wp.array) -> None:
         """Guess the slope at the start for all stages."""

@@ -1,5 +1,7 @@
 """Coarse correction on the element vertices: one solve for each family of waves, added up."""
 
+from __future__ import annotations  # scipy.sparse is loaded where it is used
+
 from typing import Any
 
 import numpy as np

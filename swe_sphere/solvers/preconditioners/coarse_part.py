@@ -3,6 +3,8 @@
 A sweep takes values in the ring from other ranks: they tell them after every sweep.
 """
 
+from __future__ import annotations  # scipy.sparse is loaded where it is used
+
 from typing import Any
 
 import numpy as np

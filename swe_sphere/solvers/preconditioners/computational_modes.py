@@ -9,6 +9,8 @@ function hat x pattern along each of the two directions, and one along both: fou
 orthogonal to each other.
 """
 
+from __future__ import annotations  # scipy.sparse is loaded where it is used
+
 import numpy as np
 import scipy
 from numpy.polynomial import legendre
