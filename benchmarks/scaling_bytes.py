@@ -54,7 +54,7 @@ def launches(sim: Simulation, steps: int) -> Launches:
 def each_launch(launch: Launcher) -> Iterator[list[tuple[Any, object, float]]]:
     """Kernel, number of threads and time [s] of every launch in the block, none of it recorded."""
     made: list[tuple[Any, object, float]] = []
-    plain = Launcher.__call__
+    plain, records = Launcher.__call__, launch.records
 
     def timed(launcher: Launcher, kernel: Any, dim: Any, *arguments: Any, **cuts: Any) -> None:
         start = time.perf_counter()
@@ -63,11 +63,12 @@ def each_launch(launch: Launcher) -> Iterator[list[tuple[Any, object, float]]]:
             made.append((kernel, dim, time.perf_counter() - start))
 
     Launcher.__call__ = timed  # type: ignore[method-assign]
+    launch.records = False
     try:
-        with launch.one_by_one():
-            yield made
+        yield made
     finally:
         Launcher.__call__ = plain  # type: ignore[method-assign]
+        launch.records = records
 
 
 def _bytes(kernel: Any) -> int:

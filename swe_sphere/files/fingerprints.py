@@ -23,15 +23,13 @@ NUMBERS = (
 
 Any change of their code counts. Comments, docstrings and blank lines do not.
 """
-TEXT = re.compile(
-    r"""
+STRINGS_AND_COMMENTS = r"""
     ^(?P<indent>[ \t]*)r?"{3}(?P<docstring>[\s\S]*?)"{3}$
     | "{3}[\s\S]*?"{3} | '{3}[\s\S]*?'{3} | "(?:\\.|[^"\\\n])*" | '(?:\\.|[^'\\\n])*'
     | (?P<comment>[ \t]*\#[^\n]*)
-    """,
-    re.MULTILINE | re.VERBOSE,
-)
-"""Strings and comments of formatted sources, where a docstring begins and ends a line."""
+"""
+"""Regular expression for formatted sources, where a docstring begins and ends a line."""
+TEXT = re.compile(STRINGS_AND_COMMENTS, re.MULTILINE | re.VERBOSE)
 SCENE_FILE = "the scene's file"
 """Key of the file of the scene among the sources of a run."""
 LIBRARIES = ("warp-lang", "numpy", "scipy")

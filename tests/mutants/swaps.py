@@ -74,16 +74,11 @@ def _scene(name: str, cases: tuple[str, ...], field: str, scale: Callable[[Any],
     return Swap(name, MAKE_SCENE, cases, change)
 
 
-def _drop_contributor(contributors: Callable[..., Any]) -> Callable[..., Any]:
+def _drop_contributor(mesh: Any) -> Any:
     """The last node, where three or four elements meet, loses one of them."""
-
-    def mutated(nodes: Any, size: int) -> Any:
-        offsets, entries = contributors(nodes, size)
-        offsets = offsets.copy()
-        offsets[-1] -= 1
-        return offsets, entries[:-1]
-
-    return mutated
+    offsets = mesh.gather_offsets.copy()
+    offsets[-1] -= 1
+    return replace(mesh, gather_offsets=offsets, gather_entries=mesh.gather_entries[:-1])
 
 
 def _tableau(row: int, column: int) -> Callable[[Any], Any]:
@@ -150,9 +145,9 @@ SCENES = (
 ASSEMBLY = (
     Swap(
         "a contributor to a node is missing",
-        "swe_sphere.mesh.cubed_sphere:contributors",
+        "swe_sphere.mesh.mesh:_assemble",
         STEADY,
-        _drop_contributor,
+        _returning(_drop_contributor),
     ),
 )
 

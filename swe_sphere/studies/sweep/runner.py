@@ -38,7 +38,7 @@ class SweepWatcher:
     def __init__(self, title: str = "", quiet: bool = True) -> None:
         from tqdm import tqdm
 
-        self._quiet = quiet
+        self._quiet, self._label, self._steps = quiet, "", 0
         self._bar: Any = tqdm(
             total=0, desc=title, unit="run", leave=False, file=sys.stderr,
             disable=quiet or not sys.stderr.isatty(),
@@ -52,13 +52,12 @@ class SweepWatcher:
 
     def begin(self, spec: RunSpec) -> None:
         """Show which run is about to begin."""
-        self._spec = spec
+        self._label, self._steps = spec.label, spec.steps.steps if spec.steps else 0
         self._bar.set_postfix_str(spec.label)
 
     def tick(self, step: int) -> None:
         """Show the number of its steps so far; called about ten times a second."""
-        steps = self._spec.steps.steps if self._spec.steps else 0
-        self._bar.set_postfix_str(f"{self._spec.label}, step {step} of {steps}")
+        self._bar.set_postfix_str(f"{self._label}, step {step} of {self._steps}")
 
     def done(self) -> None:
         """Move the bar: a run is finished, or was known."""
