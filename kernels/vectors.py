@@ -94,7 +94,7 @@ def products(
             end = field + spans[kind, chunk, 1]
             for i in range(begin + first, end, wp.block_dim()):
                 total += weights[i] * wp.float64(stack[row, i]) * wp.float64(v[i])
-            # lanes take turns across spans, or where spans part would show in the sum
+            # the next lane goes on, so that the sum is the same wherever a chunk is divided
             first = (first + wp.block_dim() - (end - begin) % wp.block_dim()) % wp.block_dim()
     wp.tile_store(partial[row], wp.tile_sum(wp.tile(total)), offset=chunk)
 
