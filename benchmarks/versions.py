@@ -1,9 +1,10 @@
 """Right-hand sides and steps beside those of an earlier commit, in turns; writes docs/versions.md.
 
-    python benchmarks/versions.py [COMMIT] [--rounds N]
+    python benchmarks/versions.py [COMMIT] [--rounds N] [--pairs P]
 
-The sources of each lie in a process of their own, which takes steps when it is asked to, so that
-both meet the same moments of the machine.  Needs the history of the repository.
+Each version runs in a process of its own and takes steps on request, so that both versions see the
+same load of the machine.  A time depends on where the memory of a process lies, by 20 % at ne16, so
+several pairs of processes are started one after the other.  Needs the history of the repository.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ CASES = (
     ("esdirk4", 16, 4, LONG, 2),
     ("gauss-legendre", 16, 4, LONG, 2),
 )
-"""What is called, ne, np, Δt [s] and how many calls are timed together."""
+"""Call, ne, np, Δt [s] and the number of calls that are timed together."""
 WORKER = """
 import json, sys, time
 import warp as wp
@@ -124,35 +125,40 @@ def seconds(process: subprocess.Popen[str], case: tuple[object, ...]) -> float:
     return float(process.stdout.readline())
 
 
-def measured(commit: str, rounds: int) -> list[list[str]]:
-    """A row for each of `CASES`; which version goes first changes from round to round."""
-    times: dict[tuple[object, ...], list[tuple[float, float]]] = {case: [] for case in CASES}
-    with version(commit) as old, version("HEAD") as new:
-        for case in CASES:
-            for process in (old, new):
-                seconds(process, case)
-        for number in range(rounds):
+def measured(commit: str, rounds: int, pairs: int) -> list[list[str]]:
+    """Return a row for each of `CASES`; the version that goes first changes with the round."""
+    times: dict[tuple[object, ...], list[list[tuple[float, float]]]] = {case: [] for case in CASES}
+    for _ in range(pairs):
+        with version(commit) as old, version("HEAD") as new:
             for case in CASES:
-                order = (old, new) if number % 2 else (new, old)
-                found = {process: seconds(process, case) for process in order}
-                times[case].append((found[old], found[new]))
+                times[case].append([])
+                for process in (old, new):
+                    seconds(process, case)
+            for number in range(rounds):
+                for case in CASES:
+                    order = (old, new) if number % 2 else (new, old)
+                    found = {process: seconds(process, case) for process in order}
+                    times[case][-1].append((found[old], found[new]))
     return [_row(case, of) for case, of in times.items()]
 
 
-def _row(case: tuple[object, ...], times: list[tuple[float, float]]) -> list[str]:
+def _row(case: tuple[object, ...], pairs: list[list[tuple[float, float]]]) -> list[str]:
     what, ne, points, dt, _ = case
-    least = [1e3 * min(each) for each in zip(*times, strict=True)]
-    ratios = sorted(now / then for then, now in times)
+    least = [
+        1e3 * min(each) for each in zip(*(time for pair in pairs for time in pair), strict=True)
+    ]
+    medians = sorted(statistics.median(now / then for then, now in pair) for pair in pairs)
     return [
         f"{what}, Δt {dt:g} s" if dt else str(what), f"ne{ne} np{points}",
         f"{least[0]:.3g}", f"{least[1]:.3g}", f"{least[1] / least[0]:.2f}",
-        f"{statistics.median(ratios):.2f} ({ratios[0]:.2f} to {ratios[-1]:.2f})",
+        f"{statistics.median(medians):.2f} ({medians[0]:.2f} to {medians[-1]:.2f})",
     ]  # fmt: skip
 
 
 def main(
-    commit: Annotated[str, typer.Argument(help="The earlier one.")] = THEN,
-    rounds: Annotated[int, typer.Option(help="How often the two take turns.")] = 9,
+    commit: Annotated[str, typer.Argument(help="The earlier commit.")] = THEN,
+    rounds: Annotated[int, typer.Option(help="Number of turns of a pair of processes.")] = 9,
+    pairs: Annotated[int, typer.Option(help="Number of pairs of processes.")] = 3,
 ) -> None:
     """Measure, print and write the page."""
 
@@ -160,10 +166,10 @@ def main(
         return Section(
             f"williamson5, now and at {commit}",
             f"CPU time [ms] of a right-hand side or a step with default settings on one core: the"
-            f" least of {rounds} rounds of each, the ratio of these, and the median of the ratios"
-            " of a round with the least and the largest of them.",
-            ["", "mesh", "then", "now", "now / then", "median of ratios"],
-            measured(commit, rounds),
+            f" least of {pairs} pairs of processes with {rounds} rounds each, their ratio, and"
+            " the median ratio of a pair (of the pairs: the middle one, the least, the largest).",
+            ["", "mesh", "then", "now", "now / then", "median ratio of a pair"],
+            measured(commit, rounds, pairs),
         )
 
     write_page("versions", HEAD, {commit: section}, [])
