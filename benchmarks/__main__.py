@@ -41,8 +41,9 @@ PARTS = {
     "evans2010": Part(
         "-m swe_sphere sweep --recipe evans2010 --out docs/evans2010", "evans2010/README"),
     "regimes": Part("-m swe_sphere sweep --recipe regimes --out docs/regimes", "regimes/README"),
-    "effects": Part("benchmarks/effect_cost.py --write docs/effects.md", "effects"),
-    "diffusion": Part("benchmarks/diffusion.py --write docs/steppers.md", "steppers"),
+    "effects": Part(
+        "benchmarks/effect_cost.py --write docs/reference/effects.md", "reference/effects"),
+    "diffusion": Part("benchmarks/diffusion.py --write docs/howto/steppers.md", "howto/steppers"),
     "steps": Part("benchmarks/steps.py", "steps"),
     "step_sizes": Part("benchmarks/step_sizes.py", "step_sizes"),
     "imex_steps": Part("benchmarks/imex_steps.py", "imex_steps"),
@@ -56,7 +57,7 @@ PARTS = {
     "scaling": Part("benchmarks/scaling.py", "scaling"),
     "start-up": Part("benchmarks/start_up.py", "start-up"),
     "peers": Part("benchmarks/time_to_error.py", "peers"),
-    "gallery": Part("benchmarks/gallery.py", "gallery"),
+    "gallery": Part("benchmarks/gallery.py", "reference/gallery"),
 }  # fmt: skip
 """All parts by name, in the order in which they run."""
 

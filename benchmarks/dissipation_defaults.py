@@ -1,6 +1,6 @@
 """Errors of standard scenes with and without dissipation, from which the defaults follow.
 
-    python benchmarks/dissipation_defaults.py [--write docs/effects.md]
+    python benchmarks/dissipation_defaults.py [--write docs/reference/effects.md]
 
 williamson2 is run at alpha = 1 for 10 days, the others against the references that come with the
 package; rk4 at its automatic step.  A dash: the run stopped.

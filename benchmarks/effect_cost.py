@@ -1,6 +1,6 @@
 """What each effect costs: arrays, loads, operations and time of one right-hand side.
 
-    python benchmarks/effect_cost.py [--rounds 25] [--steps] [--write docs/effects.md]
+    python benchmarks/effect_cost.py [--rounds 25] [--steps] [--write docs/reference/effects.md]
 
 Arrays, loads and operations are counted in the generated code (`generated.py`); times are CPU times
 of batches that alternate with and without the effect, so that a busy moment of the machine meets

@@ -1,4 +1,4 @@
-"""The gallery: docs/gallery.md and a small picture of every scene in docs/gallery.
+"""Write docs/reference/gallery.md and draw a small picture of every scene.
 
     python benchmarks/gallery.py [SCENE ...]
 
@@ -16,7 +16,7 @@ from pathlib import Path
 
 from swe_sphere.testcases import SCENES, get_scene
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
+DOCS = Path(__file__).resolve().parents[1] / "docs" / "reference"
 DOTS = 72
 RUNS = {
     "williamson1": ("--ne 8 --np 6 --days 3", "--winds arrows"),
@@ -59,7 +59,7 @@ RUNS = {
 HEAD = """# Gallery
 
 This page shows every scene on a coarse mesh, with the commands that make its picture (reduced in
-size here). [Pictures](pictures.md) explains the flags of `plot`. Made by `python
+size here). [Pictures](../howto/pictures.md) explains the flags of `plot`. Made by `python
 benchmarks/gallery.py`.
 """
 

@@ -61,8 +61,8 @@ things do: the set-up of a preconditioner reads the depth (and `jacobian-direct`
 are on the host, reads the flow in every step); a finite difference in the place of a derivative,
 for an effect that has none, measures the state on the host; and winds and forcings that change in
 time are evaluated by numpy and sent. Tracer steps that are longer than those of the flow copy one
-number to the host each, the strongest wind. [Several processes](parallel.md) share a run on GPUs
-as on CPUs.
+number to the host each, the strongest wind. [Several processes](howto/parallel.md) share a run on
+GPUs as on CPUs.
 
 Made by `python benchmarks/gpu.py`; its sections `steps`, `days` and `agreement` need a GPU."""
 

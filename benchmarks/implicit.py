@@ -39,8 +39,9 @@ depend on the step, up to one step of five days.
 Made by `python benchmarks/implicit.py` (float64, one core). A right-hand-side equivalent is the
 time of one right-hand side with DSS in the same process. Wall time is that of the steps alone, with
 the set-up of the preconditioner and without compiling. l2 is that of the surface height relative to
-the independent spectral reference unless stated otherwise. [Preconditioners](preconditioners.md)
-explains the methods and lists ideas that were not kept.
+the independent spectral reference unless stated otherwise.
+[Preconditioners](reference/preconditioners.md) explains the methods and lists ideas that were not
+kept.
 """
 
 

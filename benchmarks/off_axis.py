@@ -42,8 +42,8 @@ HEAD = """# Stable off the axes of the cube
 
 Without dissipation, flow that crosses the faces of the cube obliquely feeds computational modes.
 The error of williamson2 at α = 1, a steady exact flow, grows by a factor of e in 3.4 to 12 days
-on meshes of ne2 to ne8. The [edge penalty](effects.md) removes the growth and lowers the errors
-from the first days on:
+on meshes of ne2 to ne8. The [edge penalty](reference/effects.md) removes the growth and lowers the
+errors from the first days on:
 
     swe-sphere run williamson2 --alpha 1 --ne 4 --np 5 --days 100 --set edge-penalty.c=0.01
 
@@ -137,8 +137,8 @@ tests](stability.md#fast-flow-in-thin-layers-30-days), for 30 days on ne4 np6 at
 dissipation l2(v) reaches 2.7e-4, 1.1e-4 and 5.7e-5, with the penalty 1.7e-5, 1.2e-5 and 9.5e-6.
 In the layer of 1 m at α = 0 it is 1.6e-3 without and 1.9e-5 with the penalty.
 
-References are in the [bibliography](bibliography.md). Made by `python benchmarks/off_axis.py`;
-float64, one core.
+References are in the [bibliography](reference/bibliography.md). Made by
+`python benchmarks/off_axis.py`; float64, one core.
 """
 ANGLES = (0.0, 0.3, 0.6, 1.0)
 """Tilt of the axis of the flow of williamson2 against that of the planet [radians]."""

@@ -1,6 +1,6 @@
 """Peak memory of each rank of a run with a file, and the time to its first step.
 
-python benchmarks/rank_memory.py      prints the table of docs/parallel.md
+python benchmarks/rank_memory.py      prints the table of docs/howto/parallel.md
 """
 
 from __future__ import annotations

@@ -49,8 +49,8 @@ microseconds; 25 GB/s a node, shared by its ranks)."""
 GROWTH = {"rk4": (4, 8, 16, 30, 60, 120), "tr-bdf2": (4, 8, 16, 30, 60)}
 HEAD = """# Scaling over ranks
 
-Made by `python benchmarks/scaling.py`. How a run is shared is told in
-[Several processes](parallel.md). All of it is williamson5, np 4, float64; steps are 200 s (rk4),
+Made by `python benchmarks/scaling.py`. [Several processes](howto/parallel.md) explains how a run is
+shared. All of it is williamson5, np 4, float64; steps are 200 s (rk4),
 900 s (semi-implicit), 1800 s (tr-bdf2) and 3600 s (bdf2) on ne 30, and go with 1/ne."""
 
 

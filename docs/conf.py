@@ -40,4 +40,6 @@ html_theme_options = {"navigation_with_keys": True}
 
 def setup(app):
     """Pages of scenes are made of the scenes, before Sphinx looks what pages there are."""
-    app.connect("builder-inited", lambda app: write_scene_pages(Path(app.srcdir) / "scenes"))
+    app.connect(
+        "builder-inited", lambda app: write_scene_pages(Path(app.srcdir) / "reference" / "scenes")
+    )

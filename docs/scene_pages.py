@@ -9,7 +9,7 @@ from pathlib import Path
 import swe_sphere.studies.cases
 from swe_sphere.testcases import SCENES, get_scene
 
-GALLERY = Path(__file__).with_name("gallery")
+GALLERY = Path(__file__).parent / "reference" / "gallery"
 CASES = Path(swe_sphere.studies.cases.__file__).with_name("verification")
 NORMS = ("l1", "l2", "linf")
 
@@ -85,7 +85,7 @@ def _expected(cases):
         (
             "## Errors that a correct model does not exceed\n",
             "l1 / l2 / linf, relative; bounds of `swe-sphere verify`, a little above what was"
-            " measured: see [Verification](../verification.md).\n",
+            " measured: see [Verification](../../verification.md).\n",
             "| run | h | v |\n|---|---|---|",
             *rows,
         )

@@ -1,4 +1,4 @@
-"""The paths of a step through the package, as docs/architecture.md lists them."""
+"""The paths of a step through the package, as docs/explanation/architecture.md lists them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from swe_sphere.steppers import get_stepper
 from swe_sphere.testcases import get_scene
 
 PACKAGE = str(Path(swe_sphere.__file__).parent)
-PAGE = (Path(__file__).parents[1] / "docs" / "architecture.md").read_text()
+PAGE = (Path(__file__).parents[1] / "docs" / "explanation" / "architecture.md").read_text()
 LISTS = {
     title: re.findall(r"^\d+\. `(\w+): ([\w.]+)`", text, re.MULTILINE)
     for title, text in re.findall(r"^## ([^\n]+)\n(.*?)(?=^## |\Z)", PAGE, re.MULTILINE | re.DOTALL)

@@ -1,4 +1,4 @@
-"""Scenes, steppers and preconditioners in files of the user, those of docs/extending.md first."""
+"""User-defined scenes, steppers and preconditioners, first those of docs/howto/extending.md."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from swe_sphere.studies.sweep import sweep
 from swe_sphere.testcases import get_scene
 
 ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "docs" / "extending.md").read_text()
+PAGE = (ROOT / "docs" / "howto" / "extending.md").read_text()
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 EXAMPLES = dict(re.findall(r"```python\n# (\w+\.py)\n(.*?)```", PAGE, re.DOTALL))
 SMALL = {"scene": "williamson5", "ne": 2, "np": 4, "days": 0.25, "dt": 1800.0}

@@ -1,4 +1,4 @@
-"""The notebooks in docs do what they say, from the first cell to the last."""
+"""The notebooks in docs/tutorials do what they say, from the first cell to the last."""
 
 import re
 from pathlib import Path
@@ -7,7 +7,7 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
-DOCS = Path(__file__).parents[1] / "docs"
+TUTORIALS = Path(__file__).parents[1] / "docs" / "tutorials"
 
 
 def executed(name, folder, instead=()):
@@ -22,7 +22,7 @@ def executed(name, folder, instead=()):
 
 
 def published(name):
-    return nbformat.read(DOCS / name, as_version=4)
+    return nbformat.read(TUTORIALS / name, as_version=4)
 
 
 def shown(notebook):

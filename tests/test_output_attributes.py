@@ -1,4 +1,4 @@
-"""Attributes of all variables of an output file, against tables here and in docs/files.md."""
+"""Attributes of output variables, against tables here and in docs/reference/files.md."""
 
 import math
 import re
@@ -132,7 +132,7 @@ def test_variables_have_the_dimensions_and_attributes_of_the_table(written):
 
 
 def test_the_page_on_files_has_the_dimensions_and_units_of_the_file(written):
-    page = (Path(__file__).parents[1] / "docs" / "files.md").read_text("utf-8")
+    page = (Path(__file__).parents[1] / "docs" / "reference" / "files.md").read_text("utf-8")
     part = page.partition("## Every variable")[2].partition("\n## ")[0]
     stated = {}
     for line in re.findall(r"^\| `.*\|$", part, re.MULTILINE):

@@ -466,7 +466,7 @@ def test_films_that_cannot_be_made(run, tmp_path):
 
 @pytest.mark.thorough
 def test_the_python_of_the_page_runs(tmp_path, monkeypatch):
-    page = (Path(__file__).parents[1] / "docs" / "pictures.md").read_text()
+    page = (Path(__file__).parents[1] / "docs" / "howto" / "pictures.md").read_text()
     (text,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     monkeypatch.chdir(tmp_path)
     exec(text.replace("ne=4, np=6", "ne=2, np=4"), {})

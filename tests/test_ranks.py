@@ -304,7 +304,7 @@ def status_here(*arguments):
 @pytest.mark.thorough
 def test_the_page_on_processes_says_how_to_start_them(mpi, tmp_path):
     """Its commands, shortened."""
-    page = Path(__file__).parents[1] / "docs" / "parallel.md"
+    page = Path(__file__).parents[1] / "docs" / "howto" / "parallel.md"
     beside = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     env = os.environ | {"PATH": beside}
     lines = re.findall(r"^    (.*swe-sphere run .*)$", page.read_text(), re.MULTILINE)
@@ -578,7 +578,7 @@ def test_a_program_that_mpi4py_runs_may_exit_on_one_rank(mpi, tmp_path, code, st
         "from swe_sphere.ranks.communicator import world\n"
         f"if world().rank == 1: raise SystemExit({code})\nworld().tell_all('all is well')"
     )
-    page = (Path(__file__).parents[1] / "docs" / "parallel.md").read_text()
+    page = (Path(__file__).parents[1] / "docs" / "howto" / "parallel.md").read_text()
     (line,) = re.findall(r"`mpiexec -n 2 python (.* my\.py)`", page)
     command = [*MPIEXEC, "2", sys.executable, *line.split()]
     ended = subprocess.run(command, check=False, cwd=tmp_path, stderr=subprocess.PIPE, timeout=300)

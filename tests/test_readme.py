@@ -20,12 +20,12 @@ from swe_sphere.simulation.simulation import run
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
 EXAMPLES = re.findall(
-    r"```python\n# (\w+\.py)\n(.*?)```", (ROOT / "docs" / "extending.md").read_text(), re.DOTALL
+    r"```python\n# (\w+\.py)\n(.*?)```", (ROOT / "docs/howto/extending.md").read_text(), re.DOTALL
 )
-COMMAND_PAGE = (ROOT / "docs/commands.md").read_text()
+COMMAND_PAGE = (ROOT / "docs/reference/commands.md").read_text()
 (SCRIPT,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 FIRST_LINES, SCENE = re.findall(
-    r"```python\n(.*?)```", (ROOT / "docs/start.md").read_text(), re.DOTALL
+    r"```python\n(.*?)```", (ROOT / "docs/tutorials/start.md").read_text(), re.DOTALL
 )
 
 
@@ -71,7 +71,10 @@ INLINE = re.compile(
     r"(?:| [^`]*)(?<!--live vorticity))`"
 )
 """A whole one in the text, but for that which needs a terminal."""
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    *(page for page in sorted((ROOT / "docs").rglob("*.md")) if page.parent.name != "scenes"),
+]
 COMMANDS = [
     pytest.param(found, id=f"{page.stem}-{kind}")
     for kind, form in (("apart", APART), ("inline", INLINE))
@@ -123,7 +126,9 @@ def files_of_the_reader(tmp_path_factory):
     (folder / "docs").mkdir()
     for name, text in EXAMPLES:
         (folder / name).write_text(text)
-    (slow,) = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "scenes.md").read_text(), re.DOTALL)
+    (slow,) = re.findall(
+        r"```toml\n(.*?)```", (ROOT / "docs/reference/scenes.md").read_text(), re.DOTALL
+    )
     (folder / "slow.toml").write_text(slow)
     (folder / "mine.toml").write_text('scene = "lauter"\nsteppers = ["rk4"]\n')
     shutil.copy(ROOT / "tests" / "data" / "analysis.nc", folder)

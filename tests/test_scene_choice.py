@@ -194,7 +194,7 @@ def test_a_scene_needs_a_name_effects_and_an_initial_state() -> None:
 
 
 def test_every_scene_and_parameter_is_on_the_page_of_scenes() -> None:
-    lines = (Path(__file__).parents[1] / "docs" / "scenes.md").read_text().splitlines()
+    lines = (Path(__file__).parents[1] / "docs/reference/scenes.md").read_text().splitlines()
     rows = {line.split("`")[1]: line for line in lines if line.startswith("| `")}
     assert list(rows) == list(SCENES)
     for name, row in rows.items():
@@ -203,7 +203,7 @@ def test_every_scene_and_parameter_is_on_the_page_of_scenes() -> None:
 
 
 def test_recommended_setting_on_the_page_of_scenes_is_that_of_the_scene() -> None:
-    lines = (Path(__file__).parents[1] / "docs" / "scenes.md").read_text().splitlines()
+    lines = (Path(__file__).parents[1] / "docs/reference/scenes.md").read_text().splitlines()
     for line in lines:
         if line.startswith("| `"):
             scene, told = get_scene(line.split("`")[1]), line.split("|")[3]

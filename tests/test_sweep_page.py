@@ -1,4 +1,4 @@
-"""What docs/sweep.md says works."""
+"""What docs/howto/sweep.md says works."""
 
 import re
 from pathlib import Path
@@ -7,7 +7,7 @@ import pytest
 
 from swe_sphere.cli.main import main
 
-PAGE = (Path(__file__).parents[1] / "docs" / "sweep.md").read_text()
+PAGE = (Path(__file__).parents[1] / "docs" / "howto" / "sweep.md").read_text()
 
 
 def test_the_example_runs(capsys, tmp_path, monkeypatch):
