@@ -1,6 +1,6 @@
 """Machine code for GPUs without one: kernels to PTX by Warp's own compiler, and that by ptxas.
 
-`pip install 'swe-sphere[ptx]'` brings a ptxas that knows the PTX of Warp's compiler.
+`pip install 'spectral-swe-sphere[ptx]'` brings a ptxas that knows the PTX of Warp's compiler.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def assemble(ptx: Path, architectures: Iterable[int]) -> dict[int, MachineCode]:
     """Machine code for each architecture, as ptxas makes it; RuntimeError where it does not."""
     ptxas = find_ptxas()
     if ptxas is None:
-        raise ConfigError("there is no ptxas: pip install 'swe-sphere[ptx]'")
+        raise ConfigError("there is no ptxas: pip install 'spectral-swe-sphere[ptx]'")
     return {each: _assemble(ptxas, ptx, each) for each in architectures}
 
 

@@ -41,7 +41,7 @@ spectral model on SHTns, the fastest other model, and in 0.20 and 0.19 of it in 
 ![Time to an error](peers.svg)
 
 Made by `python benchmarks/time_to_error.py --python PYTHON`, where PYTHON is the interpreter of an
-environment with the other models (`pip install 'swe-sphere[peers]'`). The models of the
+environment with the other models (`pip install 'spectral-swe-sphere[peers]'`). The models of the
 shallow-water equations on the sphere run in turns on one core, each in a process of its own. One
 function compares all of them with the same reference. Models that are not installed are omitted; no
 figure is taken from other sources.

@@ -49,7 +49,9 @@ wp.init()
 with_cuda = pytest.mark.skipif(
     not wp._src.context.runtime.is_cuda_enabled, reason="this Warp is built without CUDA"
 )
-with_ptxas = pytest.mark.skipif(find_ptxas() is None, reason="swe-sphere[ptx] is not installed")
+with_ptxas = pytest.mark.skipif(
+    find_ptxas() is None, reason="spectral-swe-sphere[ptx] is not installed"
+)
 TABLE = Path(__file__).parents[1] / "docs" / "gpu.json"
 FULL = Terms(advection=True, pressure=True, bottom=True, diffusion=True, biharmonic=True)
 TANGENT = Terms(advection=True, pressure=True, tangent=True)

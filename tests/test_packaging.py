@@ -1,11 +1,13 @@
 """What is installed is what is there."""
 
 import ast
+import re
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
+import yaml
 from imports import circles, import_graph, imports, reaches_inside, sources
 
 import swe_sphere
@@ -34,6 +36,32 @@ def test_files_of_data_are_installed_with_their_packages():
     files = {path for path in (ROOT / "swe_sphere").rglob("*") if path.is_file()}
     there = {path for path in files if path.suffix not in (".py", ".pyc")}
     assert there == {path for path in listed if path.is_file()} != set()
+
+
+def test_only_the_name_of_the_distribution_is_offered_to_pip():
+    """`swe-sphere` is the name of another project on the package index."""
+    kept = subprocess.check_output(["git", "ls-files"], text=True, cwd=ROOT).split()
+    texts = {name: (ROOT / name).read_text("utf-8", "ignore") for name in kept}
+    offers = {
+        (name, found)
+        for name, text in texts.items()
+        for found in re.findall(r"([\w-]*swe[-_]sphere)\[(?:mpi|films|analysis|docs|tools)", text)
+    }
+    assert {found for _, found in offers} == {PROJECT["project"]["name"]}, offers
+
+
+def test_the_conda_recipe_requires_what_the_project_requires():
+    text = (ROOT / "conda" / "meta.yaml").read_text()
+    recipe = yaml.safe_load(text.replace("{{ PYTHON }}", "python"))
+    names = {"netCDF4": "netcdf4", "matplotlib": "matplotlib-base"}
+    split = [
+        re.fullmatch(r"([\w-]+)(.*)", one).groups() for one in PROJECT["project"]["dependencies"]
+    ]
+    needed = [f"{names.get(name, name)} {bound}" for name, bound in split]
+    python = f"python {PROJECT['project']['requires-python']}"
+    assert recipe["requirements"]["run"] == [python, *needed]
+    assert recipe["package"] == {key: PROJECT["project"][key] for key in ("name", "version")}
+    assert recipe["about"]["summary"] == PROJECT["project"]["description"]
 
 
 def test_the_stub_has_the_names_of_the_package():

@@ -619,7 +619,7 @@ def test_ranks_without_a_library_of_mpi_end_in_one_line(mpi, monkeypatch):
     assert ended.returncode == 2 and not ended.stdout
     assert ended.stderr.splitlines() == [
         "swe-sphere: several ranks were started, but there is no MPI library for them: pip install"
-        " 'swe-sphere[mpi]'"
+        " 'spectral-swe-sphere[mpi]'"
     ]
 
 

@@ -140,7 +140,7 @@ def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
     starter = str(beside) if beside.exists() else shutil.which("mpiexec")
     if starter is None or find_spec("mpi4py") is None:
         missing = "mpi4py" if starter else "mpiexec"
-        raise ConfigError(f"ranks: there is no {missing}: pip install 'swe-sphere[mpi]'")
+        raise ConfigError(f"ranks: there is no {missing}: pip install 'spectral-swe-sphere[mpi]'")
     command = [starter, "-n", str(ranks), sys.executable, "-m", "swe_sphere", *arguments]
     with subprocess.Popen(
         command, stdin=DEVNULL, stdout=PIPE, stderr=PIPE, text=True, preexec_fn=_end_with_parent,

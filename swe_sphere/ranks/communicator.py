@@ -227,7 +227,7 @@ def world() -> Communicator:
         missing = "mpi4py" if isinstance(error, ImportError) else "MPI library"
         raise ConfigError(
             f"several ranks were started, but there is no {missing} for them: pip install"
-            " 'swe-sphere[mpi]'"
+            " 'spectral-swe-sphere[mpi]'"
         ) from None
     ranks = Communicator(MPI)
     if started not in (0, ranks.size):
