@@ -5,8 +5,8 @@
     python -m benchmarks steps implicit   make these parts, in any case
 
 Parts run one after the other, each in a process of its own. A part that has finished is recorded in
-docs/measured.json with commit, machine and date, so that the same command resumes after an
-interrupt.
+benchmarks/results/measured.json with commit, machine and date, so that the same command resumes
+after an interrupt.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from rich.table import Table
 from swe_sphere.files.fingerprints import machine
 
 ROOT = Path(__file__).parents[1]
-RECORD = ROOT / "docs" / "measured.json"
+RECORD = ROOT / "benchmarks" / "results" / "measured.json"
 
 
 class Part(NamedTuple):
@@ -36,27 +36,33 @@ class Part(NamedTuple):
 
 
 PARTS = {
-    "verification": Part("-m swe_sphere verify --out docs/verification.md", "verification"),
-    "stability": Part("-m swe_sphere stress --out docs/stability.md", "stability"),
+    "verification": Part(
+        "-m swe_sphere verify --out docs/results/verification.md",
+        "results/verification"),
+    "stability": Part(
+        "-m swe_sphere stress --out docs/results/stability.md",
+        "results/stability"),
     "evans2010": Part(
-        "-m swe_sphere sweep --recipe evans2010 --out docs/evans2010", "evans2010/README"),
+        "-m swe_sphere sweep --recipe evans2010 --out docs/results/evans2010",
+        "results/evans2010/README"),
     "regimes": Part("-m swe_sphere sweep --recipe regimes --out docs/regimes", "regimes/README"),
     "effects": Part(
         "benchmarks/effect_cost.py --write docs/reference/effects.md", "reference/effects"),
     "diffusion": Part("benchmarks/diffusion.py --write docs/howto/steppers.md", "howto/steppers"),
-    "steps": Part("benchmarks/steps.py", "steps"),
-    "step_sizes": Part("benchmarks/step_sizes.py", "step_sizes"),
-    "imex_steps": Part("benchmarks/imex_steps.py", "imex_steps"),
-    "implicit": Part("benchmarks/implicit.py", "implicit"),
-    "off_axis": Part("benchmarks/off_axis.py", "off_axis"),
-    "transport": Part("benchmarks/transport.py", "transport"),
+    "steps": Part("benchmarks/steps.py", "results/steps"),
+    "step_sizes": Part("benchmarks/step_sizes.py", "results/step_sizes"),
+    "imex_steps": Part("benchmarks/imex_steps.py", "results/imex_steps"),
+    "implicit": Part("benchmarks/implicit.py", "results/implicit"),
+    "off_axis": Part("benchmarks/off_axis.py", "results/off_axis"),
+    "transport": Part("benchmarks/transport.py", "results/transport"),
     "tracer_steps": Part(
-        "benchmarks/tracer_steps.py --write docs/tracer_steps.md", "tracer_steps"),
-    "performance": Part("benchmarks/kernel_bound.py --write docs", "performance"),
-    "gpu": Part("benchmarks/gpu.py", "gpu"),
-    "scaling": Part("benchmarks/scaling.py", "scaling"),
-    "start-up": Part("benchmarks/start_up.py", "start-up"),
-    "peers": Part("benchmarks/time_to_error.py", "peers"),
+        "benchmarks/tracer_steps.py --write docs/results/tracer_steps.md",
+        "results/tracer_steps"),
+    "performance": Part("benchmarks/kernel_bound.py --write docs/results", "results/performance"),
+    "gpu": Part("benchmarks/gpu.py", "results/gpu"),
+    "scaling": Part("benchmarks/scaling.py", "results/scaling"),
+    "start-up": Part("benchmarks/start_up.py", "results/start-up"),
+    "peers": Part("benchmarks/time_to_error.py", "results/peers"),
     "gallery": Part("benchmarks/gallery.py", "reference/gallery"),
 }  # fmt: skip
 """All parts by name, in the order in which they run."""

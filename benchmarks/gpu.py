@@ -1,7 +1,7 @@
 """What GPUs do with a step: measured times where there is one, machine code and bytes elsewhere.
 
 python benchmarks/gpu.py                      all sections
-python benchmarks/gpu.py traffic              one of them, into docs/gpu.md and docs/gpu.json
+python benchmarks/gpu.py traffic              one of them
 python benchmarks/gpu.py steps days agreement these three need a GPU
 """
 
@@ -61,8 +61,8 @@ things do: the set-up of a preconditioner reads the depth (and `jacobian-direct`
 are on the host, reads the flow in every step); a finite difference in the place of a derivative,
 for an effect that has none, measures the state on the host; and winds and forcings that change in
 time are evaluated by numpy and sent. Tracer steps that are longer than those of the flow copy one
-number to the host each, the strongest wind. [Several processes](howto/parallel.md) share a run on
-GPUs as on CPUs.
+number to the host each, the strongest wind. [Several processes](../howto/parallel.md) share a run
+on GPUs as on CPUs.
 
 Made by `python benchmarks/gpu.py`; its sections `steps`, `days` and `agreement` need a GPU."""
 

@@ -1,16 +1,16 @@
 """Limits of semi-implicit steppers by bisection, beside their automatic steps, and what they save.
 
-    python benchmarks/imex_steps.py               all, half an hour; writes docs/imex_steps.md
+    python benchmarks/imex_steps.py               all, half an hour; writes the page
     python benchmarks/imex_steps.py --meshes 8x4 --scenes williamson5
 
-What was measured before is kept in docs/imex_steps.json; delete it to measure all again.
+What was measured before is kept in
+benchmarks/results/imex_steps.json; delete it to measure all again.
 """
 
 from __future__ import annotations
 
 import json
 import time
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -18,6 +18,7 @@ import typer
 import warp as wp
 from implicit_common import MOUNTAIN
 from rich.console import Console
+from sections import DATA, PAGES
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import RunFailed
@@ -29,8 +30,7 @@ from swe_sphere.solvers.gravity_waves import advection_rate
 from swe_sphere.steppers import STEPPERS, Stepper
 from swe_sphere.testcases import get_scene
 
-DOCS = Path(__file__).parents[1] / "docs"
-STORE, PAGE = DOCS / "imex_steps.json", DOCS / "imex_steps.md"
+STORE, PAGE = DATA / "imex_steps.json", PAGES / "imex_steps.md"
 SCENES = ("williamson2", "williamson5", "williamson6", "galewsky")
 MESHES = ("8x4", "16x4", "6x8")
 OTHERS = ("lauter 8x4", "williamson5@5 12x4", "williamson5@2 16x4", "williamson5@2 8x4x4")

@@ -1,10 +1,10 @@
-"""Measure implicit and exponential steppers and preconditioners, and write docs/implicit.md.
+"""Measure implicit and exponential steppers and preconditioners; write their page.
 
     python benchmarks/implicit.py              all sections
     python benchmarks/implicit.py counts price
     python benchmarks/implicit.py --list
 
-Sections that are not run keep what was measured before (docs/implicit.json).
+Sections that are not run keep what was measured before (benchmarks/results/implicit.json).
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ Made by `python benchmarks/implicit.py` (float64, one core). A right-hand-side e
 time of one right-hand side with DSS in the same process. Wall time is that of the steps alone, with
 the set-up of the preconditioner and without compiling. l2 is that of the surface height relative to
 the independent spectral reference unless stated otherwise.
-[Preconditioners](reference/preconditioners.md) explains the methods and lists ideas that were not
-kept.
+[Preconditioners](../reference/preconditioners.md) explains the methods and lists ideas that were
+not kept.
 """
 
 

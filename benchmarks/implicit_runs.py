@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from implicit_common import DAYS, MOUNTAIN, Run, Section, run
+from sections import PAGES
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import RunFailed
@@ -17,7 +18,6 @@ from swe_sphere.planet import DAY
 from swe_sphere.steppers import get_stepper
 from swe_sphere.testcases import get_scene
 
-DOCS = Path(__file__).parents[1] / "docs"
 DRIFT_STEPS = (1800.0, 3600.0, 7200.0)
 SCHEMES = (
     "implicit-midpoint", "gauss-legendre", "average-vector-field", "crank-nicolson", "bdf2",
@@ -90,7 +90,7 @@ def drift() -> Section:
         for name in SCHEMES
     }
     figure = "energy_drift.svg"
-    drift_figure({name: results[1].energy_drift for name, results in runs.items()}, DOCS / figure)
+    drift_figure({name: results[1].energy_drift for name, results in runs.items()}, PAGES / figure)
     return Section(
         "williamson5, ne8 np4, 15 days: relative change of energy by Δt",
         "Solver tolerance 1e-6. Schemes without damping conserve energy to the solver tolerance or "

@@ -1,7 +1,7 @@
 """Kernels beside C by hand and beside what the machine can do, in ns an element node, on one core.
 
-    python benchmarks/kernel_bound.py [--rounds 400] [--write docs]
-    python benchmarks/kernel_bound.py --large [--rounds 20] [--write docs]
+    python benchmarks/kernel_bound.py [--rounds 400] [--write docs/results]
+    python benchmarks/kernel_bound.py --large [--rounds 20] [--write docs/results]
 
 All cases of one mesh and precision are evaluated in turn, one call each, so that a busy moment
 meets all of them.  Meshes have about 25 000 element nodes, whose arrays fit into the last cache;
@@ -277,8 +277,8 @@ PAGE = """# Performance of the kernels
 Time of one right-hand side of {scene} with DSS on one core, in nanoseconds an element node,
 beside a program in C that does the same with the same arrays (np known to its compiler,
 `{flags}`).
-Made by `python benchmarks/kernel_bound.py --write docs`: least of {rounds} calls of each made in
-turns, and the median of the whole, which tells how busy the machine was. {machine}.
+Made by `python benchmarks/kernel_bound.py --write docs/results`: least of {rounds} calls of each
+made in turns, and the median of the whole, which tells how busy the machine was. {machine}.
 
 {table}
 
@@ -313,8 +313,8 @@ LARGE_PAGE = """
 ## Large meshes
 
 np 4, in nanoseconds of CPU time an element node; made by
-`python benchmarks/kernel_bound.py --large --write docs`: least of {rounds} calls of each made in
-turns. {machine}.
+`python benchmarks/kernel_bound.py --large --write docs/results`: least of {rounds} calls of each
+made in turns. {machine}.
 
 {table}
 

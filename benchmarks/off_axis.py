@@ -2,7 +2,7 @@
 
     python benchmarks/off_axis.py [SECTION ...]
 
-writes docs/off_axis.md, docs/off_axis.json and the figures of the page.
+writes docs/results/off_axis.md, benchmarks/results/off_axis.json and the figures of the page.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 import typer
 from implicit_common import Section
-from sections import DOCS, command
+from sections import PAGES, command
 from threadpoolctl import threadpool_limits
 
 from swe_sphere import Simulation
@@ -42,8 +42,8 @@ HEAD = """# Stable off the axes of the cube
 
 Without dissipation, flow that crosses the faces of the cube obliquely feeds computational modes.
 The error of williamson2 at α = 1, a steady exact flow, grows by a factor of e in 3.4 to 12 days
-on meshes of ne2 to ne8. The [edge penalty](reference/effects.md) removes the growth and lowers the
-errors from the first days on:
+on meshes of ne2 to ne8. The [edge penalty](../reference/effects.md) removes the growth and lowers
+the errors from the first days on:
 
     swe-sphere run williamson2 --alpha 1 --ne 4 --np 5 --days 100 --set edge-penalty.c=0.01
 
@@ -137,7 +137,7 @@ tests](stability.md#fast-flow-in-thin-layers-30-days), for 30 days on ne4 np6 at
 dissipation l2(v) reaches 2.7e-4, 1.1e-4 and 5.7e-5, with the penalty 1.7e-5, 1.2e-5 and 9.5e-6.
 In the layer of 1 m at α = 0 it is 1.6e-3 without and 1.9e-5 with the penalty.
 
-References are in the [bibliography](reference/bibliography.md). Made by
+References are in the [bibliography](../reference/bibliography.md). Made by
 `python benchmarks/off_axis.py`; float64, one core.
 """
 ANGLES = (0.0, 0.3, 0.6, 1.0)
@@ -405,7 +405,7 @@ def _draw_mode(mesh: Mesh, vector: np.ndarray) -> None:
             axes.plot(x[line], y[line], color="grey", linewidth=0.5)
     corner = np.bincount(mesh.nodes.ravel(), minlength=mesh.size) == 3
     axes.plot(x[corner], y[corner], "o", color="#0072B2", markersize=4)
-    figure.savefig(DOCS / "off_axis_mode.png", dpi=130)
+    figure.savefig(PAGES / "off_axis_mode.png", dpi=130)
     plt.close(figure)
 
 
@@ -529,7 +529,7 @@ def _draw_errors(curves: dict[tuple[str, str], dict[int, float]]) -> None:
         axes.plot([], [], style, color="grey", label=called)
     axes.set(xlabel="day", ylabel="l2(v)", xlim=(0, 100))
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    figure.savefig(DOCS / "off_axis_errors.svg")
+    figure.savefig(PAGES / "off_axis_errors.svg")
     plt.close(figure)
 
 

@@ -1,4 +1,4 @@
-"""The picture of docs/peers.md: error against time, a panel a scene."""
+"""The picture of docs/results/peers.md: error against time, a panel a scene."""
 
 from __future__ import annotations
 

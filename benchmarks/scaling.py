@@ -2,7 +2,7 @@
 
     python benchmarks/scaling.py [SECTION ...]      counts, measured, model, growth; all by default
 
-Rewrites docs/scaling.md, docs/scaling.json and docs/scaling.svg.  Runs on one process and on two
+Rewrites the page, its data and its figure.  Runs on one process and on two
 ranks go in turns, so that a busy moment of the machine meets all of them.
 """
 
@@ -25,7 +25,7 @@ from memory import per_node
 from scaling_bytes import Traffic
 from scaling_model import NEIGHBOURS, Network, Step, as_it_is, in_trees, picture
 from scaling_ranks import PIECES, STEPPERS
-from sections import DOCS, write_page
+from sections import PAGES, write_page
 
 from swe_sphere import Simulation
 from swe_sphere.mesh import Mesh
@@ -49,8 +49,8 @@ microseconds; 25 GB/s a node, shared by its ranks)."""
 GROWTH = {"rk4": (4, 8, 16, 30, 60, 120), "tr-bdf2": (4, 8, 16, 30, 60)}
 HEAD = """# Scaling over ranks
 
-Made by `python benchmarks/scaling.py`. [Several processes](howto/parallel.md) explains how a run is
-shared. All of it is williamson5, np 4, float64; steps are 200 s (rk4),
+Made by `python benchmarks/scaling.py`. [Several processes](../howto/parallel.md) explains how a run
+is shared. All of it is williamson5, np 4, float64; steps are 200 s (rk4),
 900 s (semi-implicit), 1800 s (tr-bdf2) and 3600 s (bdf2) on ne 30, and go with 1/ne."""
 
 
@@ -216,7 +216,7 @@ def model() -> Section:
     """Many ranks."""
     steps = {name: step(name) for name in STEPPERS}
     dense = 4.0 * (6 * (2 * round(LARGE / SPACING)) ** 2 + 2) ** 2
-    picture(DOCS / "scaling.svg", steps, LARGE, SUPPOSED, rim())
+    picture(PAGES / "scaling.svg", steps, LARGE, SUPPOSED, rim())
     rows = []
     for name, of in steps.items():
         for ranks in (1, 64, 512, 4096, 32768, pieces(LARGE)[0]):

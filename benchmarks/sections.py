@@ -17,7 +17,9 @@ from rich.table import Table
 
 from swe_sphere.files.fingerprints import machine
 
-DOCS = Path(__file__).parents[1] / "docs"
+ROOT = Path(__file__).parents[1]
+PAGES = ROOT / "docs" / "results"
+DATA = ROOT / "benchmarks" / "results"
 
 
 def command(
@@ -41,7 +43,7 @@ def command(
 def write_page(
     page: str, head: str, sections: Mapping[str, Callable[[], Section]], names: Sequence[str]
 ) -> None:
-    """Run the named sections, all by default, and rewrite docs/PAGE.md and docs/PAGE.json.
+    """Run the named sections, all by default, and rewrite the page and its data.
 
     Sections that are not run keep what was measured before.  Ends with status 2, and with the
     names of the sections, where one is unknown.
@@ -51,7 +53,7 @@ def write_page(
         console.print(f"unknown: {', '.join(unknown)}", *sections, sep="\n")
         raise typer.Exit(2)
     wp.config.log_level = wp.LOG_WARNING
-    store = DOCS / f"{page}.json"
+    store = DATA / f"{page}.json"
     known = json.loads(store.read_text()) if store.exists() else {}
     for name in names or sections:
         section = sections[name]()
@@ -62,13 +64,13 @@ def write_page(
         }
         known = {key: known[key] for key in sections if key in known}
         store.write_text(json.dumps(known, indent=1, ensure_ascii=False) + "\n")
-        (DOCS / f"{page}.md").write_text(_page(head, known))
+        (PAGES / f"{page}.md").write_text(_page(head, known))
 
 
 def _commit() -> str:
     """Return the commit of the measured code, without what is not committed yet."""
     git = ["git", "log", "-1", "--format=%h"]
-    return subprocess.run(git, cwd=DOCS, capture_output=True, text=True).stdout.strip()
+    return subprocess.run(git, cwd=ROOT, capture_output=True, text=True).stdout.strip()
 
 
 def _table(section: Section) -> Table:

@@ -1,21 +1,22 @@
-"""Error in time at every step size, beside that of exact solves; writes docs/step_sizes.md.
+"""Error in time at every step size, beside that of exact solves; writes docs/results/step_sizes.md.
 
     python benchmarks/step_sizes.py                     all steppers, all scenes: about half an hour
     python benchmarks/step_sizes.py --steppers bdf2,ark2 --scenes lauter
 
-Runs that were made before are kept in docs/step_sizes.json; delete it to make all again.
+Runs that were made before are kept in
+benchmarks/results/step_sizes.json; delete it to make all again.
 """
 
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
 import warp as wp
 from rich.console import Console
+from sections import DATA, PAGES
 
 from swe_sphere.files.fingerprints import machine
 from swe_sphere.io.integrals import by_name, field_errors
@@ -23,8 +24,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.steppers import STEPPERS
 
-DOCS = Path(__file__).parents[1] / "docs"
-STORE = DOCS / "step_sizes.json"
+STORE = DATA / "step_sizes.json"
 SCENES = {"lauter": "l2_h", "williamson6": "l2_h", "matsuno": "l2_v"}
 """And the error that is shown: matsuno's depths are waves of a billionth of the mean depth."""
 STEPS = (3600.0, 1800.0, 900.0, 450.0, 240.0, 120.0, 60.0)
@@ -36,7 +36,7 @@ HEAD = f"""# Steps of any size
 
 With default tolerances the errors of implicit, semi-implicit and exponential steps are at most 1.13
 times those of exact solves, from Δt = 3600 s down to 60 s: [the solver
-tolerance](howto/steppers.md#solver-tolerance-of-implicit-steppers) follows the truncation error.
+tolerance](../howto/steppers.md#solver-tolerance-of-implicit-steppers) follows the truncation error.
 
 Made by `python benchmarks/step_sizes.py`: {HOURS:g} h on ne{NE} np{NP}, float64. Each cell gives
 the time error (relative to rk4 with Δt = {REFERENCE:g} s on the same mesh) with default tolerances.
@@ -70,7 +70,7 @@ def main(
                 STORE.write_text(json.dumps(known, indent=1) + "\n")
                 Console().print(key, cell(known[key]))
     page = [HEAD, *(table(scene, known) for scene in SCENES), f"{machine()}.", ""]
-    (DOCS / "step_sizes.md").write_text("\n".join(page))
+    (PAGES / "step_sizes.md").write_text("\n".join(page))
 
 
 def run(scene: str, stepper: str, dt: float, **options: Any) -> tuple[dict[str, np.ndarray], float]:

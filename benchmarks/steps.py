@@ -1,4 +1,4 @@
-"""What cheaper steps cost and how exact they are, in interleaved runs; writes docs/steps.md.
+"""What cheaper steps cost and how exact they are, in interleaved runs; writes the page.
 
 python benchmarks/steps.py                      all sections
 python benchmarks/steps.py forward-backward
@@ -60,8 +60,9 @@ errors |
 | `bdf2` at 1 h, williamson5, ne16 np4, over `rk4`; over `forward-backward` | 0.6; 1.1 | 1.7; 3 \
 ([implicit](implicit.md)) |
 | best implicit / best explicit stepper, refined 4 times, 20 m/s; 5 m/s | 1.0; 0.4 | 2.9; 1.5; \
-0.88 at 1 m/s ([map](regimes/README.md)) |
-| the same, uniform mesh, 5 m/s; 2 m/s | 0.5; 0.2 | 2.8; 2.4 at 2.5 m/s ([map](regimes/README.md)) |
+0.88 at 1 m/s ([map](../regimes/README.md)) |
+| the same, uniform mesh, 5 m/s; 2 m/s | 0.5; 0.2 | 2.8; 2.4 at 2.5 m/s \
+([map](../regimes/README.md)) |
 | one step of five days, williamson2, ne8 np8 | undivided, in 30 s | undivided, in 1.1 s with \
 `jacobian-direct` ([implicit](implicit.md)) |
 | `epi4` at 3 h, williamson5, error of the depth | 3e-4 | 1.6e-4 ([implicit](implicit.md)) |

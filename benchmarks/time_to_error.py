@@ -1,4 +1,4 @@
-"""Models of the sphere in turns on one core: time to an error; writes docs/peers.md.
+"""Models of the sphere in turns on one core: time to an error; writes docs/results/peers.md.
 
 python benchmarks/time_to_error.py
 python benchmarks/time_to_error.py williamson5 --python /opt/peers/bin/python
@@ -23,7 +23,7 @@ import typer
 from implicit_common import Section
 from peer_picture import draw
 from peer_process import HERE, Measured, Peer, Setting
-from sections import DOCS, write_page
+from sections import DATA, PAGES, write_page
 
 PATIENCE = 8.0
 """CPU time after which a setting is not run again [s]."""
@@ -143,9 +143,9 @@ def quickest(rows: Sequence[Sequence[str]], bound: float) -> dict[str, Sequence[
 
 def reached() -> Section:
     """The least time of each kind to each error, from the tables that there are."""
-    store = json.loads((DOCS / "peers.json").read_text())
+    store = json.loads((DATA / "peers.json").read_text())
     tables = {scene: store[scene]["rows"] for scene in scenes() if scene in store}
-    draw(tables, DOCS / "peers.svg")
+    draw(tables, PAGES / "peers.svg")
     lines = []
     for scene, rows in tables.items():
         for bound in BOUNDS:

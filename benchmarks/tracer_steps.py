@@ -1,6 +1,6 @@
 """What tracers on steps of their own cost, and what that does to their errors.
 
-    python benchmarks/tracer_steps.py [--rounds 3] [--write docs/tracer_steps.md]
+    python benchmarks/tracer_steps.py [--rounds 3] [--write docs/results/tracer_steps.md]
 
 Runs with one tracer step a step of the flow and with automatic ones go in turns, so that a busy
 moment of the machine meets both; told are the least and the median CPU time of the steps.

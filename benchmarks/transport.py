@@ -1,4 +1,4 @@
-"""Errors of transport by resolution, with and without the limiter; writes docs/transport.md.
+"""Errors of transport by resolution, with and without the limiter; writes the page.
 
 python benchmarks/transport.py        a few minutes on one core
 """
@@ -29,7 +29,7 @@ from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene
 
 SCREEN = Console(width=140)
-PAGE = Path(__file__).parents[1] / "docs" / "transport.md"
+PAGE = Path(__file__).parents[1] / "docs" / "results" / "transport.md"
 PERIOD = 12.0 * DAY
 SHARE = 0.5
 """Part of the stability limit at the fastest wind that steps take: errors are those of space."""

@@ -1,4 +1,4 @@
-"""Right-hand sides and steps beside those of an earlier commit, in turns; writes docs/versions.md.
+"""Right-hand sides and steps beside those of an earlier commit, in turns; writes the page.
 
     python benchmarks/versions.py [COMMIT] [--rounds N] [--pairs P]
 

@@ -85,7 +85,7 @@ def _expected(cases):
         (
             "## Errors that a correct model does not exceed\n",
             "l1 / l2 / linf, relative; bounds of `swe-sphere verify`, a little above what was"
-            " measured: see [Verification](../../verification.md).\n",
+            " measured: see [Verification](../../results/verification.md).\n",
             "| run | h | v |\n|---|---|---|",
             *rows,
         )

@@ -52,7 +52,7 @@ with_cuda = pytest.mark.skipif(
 with_ptxas = pytest.mark.skipif(
     find_ptxas() is None, reason="spectral-swe-sphere[ptx] is not installed"
 )
-TABLE = Path(__file__).parents[1] / "docs" / "gpu.json"
+TABLE = Path(__file__).parents[1] / "benchmarks" / "results" / "gpu.json"
 FULL = Terms(advection=True, pressure=True, bottom=True, diffusion=True, biharmonic=True)
 TANGENT = Terms(advection=True, pressure=True, tangent=True)
 TRANSPORT = Terms(wind=True, diffusion=True)

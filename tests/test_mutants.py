@@ -10,7 +10,7 @@ from mutants import EDITS, MUTANTS, STEP_EDITS, Edit, Swap
 from mutants.kinds import copy_sources, verdict_of, verdict_of_tests
 from mutants.swaps import ASSEMBLY, METRIC, QUADRATURE, SCENES, STEPPERS
 
-PAGE = Path(__file__).parents[1] / "docs" / "mutants.md"
+PAGE = Path(__file__).parents[1] / "docs" / "results" / "mutants.md"
 
 
 def label(mutant: Swap | Edit) -> str:

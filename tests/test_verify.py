@@ -33,7 +33,7 @@ from swe_sphere.studies.cases.scenes import decay, homme_mountain, homme_wave
 from swe_sphere.studies.record_store import Store, locked
 from swe_sphere.testcases import SCENES
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[1] / "docs" / "results"
 CASES = choose("verification")
 BY_NAME = {name: [*cases] for name, cases in groupby(CASES, lambda case: case.name)}
 QUICK = choose("verification", quick=True)

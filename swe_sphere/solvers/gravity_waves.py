@@ -29,10 +29,10 @@ from swe_sphere.solvers.vector_space import VectorSpace
 
 DEEPEST = 0.8
 """Least reference depth, as a part of that below the highest surface.  Where fluid is deeper than
-its reference, explicit waves grow sooner than where it is shallower (docs/imex_steps.md)."""
+its reference, explicit waves grow sooner than where it is shallower (docs/results)."""
 INERTIAL = 1.25
 """How much more explicit inertial waves limit steps than advection of the same frequency: by
-measurement on meshes so coarse that they do (docs/imex_steps.md)."""
+measurement on meshes so coarse that they do (docs/results)."""
 
 
 def reference_depth(model: Model) -> Array:
@@ -73,7 +73,7 @@ def explicit_spectrum(model: Model, state: wp.array, t: float = 0.0) -> Spectrum
 
     That is the advection, and where it is slow the Coriolis force.  F - L has larger eigenvalues,
     of both in one place, but as the gravity waves are implicit those do not grow
-    (docs/imex_steps.md).  With custom effects all of F - L counts.  Raises ConfigError for a scene
+    (docs/results).  With custom effects all of F - L counts.  Raises ConfigError for a scene
     without gravity waves.
     """
     at_rest = state_of_rest(model)

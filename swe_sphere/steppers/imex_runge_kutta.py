@@ -35,7 +35,7 @@ stability."""
 
 
 class ImexStepper(Stepper):
-    """A stepper with a solver of linear gravity waves, limited by the wind (docs/imex_steps.md).
+    """A stepper with a solver of linear gravity waves, limited by the wind (docs/results).
 
     `tolerance`: see `StageSolver`; `solver`: the one of another stepper of the same model, to share
     it with its options.

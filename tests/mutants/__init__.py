@@ -1,6 +1,6 @@
 """Single faults that the quick verification, or a test, must notice.
 
-`python -m mutants` (in `tests`) plants all of them, one by one, and writes docs/mutants.md.
+`python -m mutants` (in `tests`) plants all of them, one by one, and writes docs/results/mutants.md.
 """
 
 from __future__ import annotations

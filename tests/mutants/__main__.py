@@ -31,7 +31,7 @@ parameter, forcing and tableaus are planted by the tests too (`tests/test_mutant
 """
 
 
-def main(write: Annotated[bool, typer.Option(help="Write docs/mutants.md.")] = True) -> None:
+def main(write: Annotated[bool, typer.Option(help="Write the page.")] = True) -> None:
     """Plant them all."""
     wp.config.log_level = wp.LOG_WARNING
     console, found = Console(markup=False, highlight=False), []
@@ -39,7 +39,7 @@ def main(write: Annotated[bool, typer.Option(help="Write docs/mutants.md.")] = T
         console.print(f"{mutant.name}: {notice or 'SURVIVES'}", style="" if notice else "bold red")
         found.append((mutant, notice))
     if write:
-        (ROOT / "docs" / "mutants.md").write_text(_page(found), encoding="utf-8")
+        (ROOT / "docs" / "results" / "mutants.md").write_text(_page(found), encoding="utf-8")
 
 
 def _all() -> Iterator[tuple[Mutant, str | None]]:
