@@ -1,4 +1,4 @@
-"""Warp kernels of the shallow-water model: the ground floor, which imports nothing else of ours."""
+"""Warp kernels of the shallow-water model; this folder imports no other folder of the package."""
 
 from swe_sphere.kernels.define import Register, lanes_of, specialise
 from swe_sphere.kernels.local import tendency_kernels

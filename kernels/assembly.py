@@ -1,12 +1,12 @@
 """Direct stiffness summation (DSS) as a gather, and the terms that need no derivative.
 
-Each unique node adds its contributors in a fixed order: no atomics, so results repeat bit for bit
-on any device.  Meshes number their nodes by the count of contributors (one, two, more), so that the
-branches cost nothing; a node of three has a fourth in a place that holds zero.  A pointwise term
-commutes with the mass-weighted average, so it is added here, once a unique node instead of once an
-element node.  Arrays are arguments of their own and not members of a structure: only then does Warp
-compile a path for contiguous arrays, which is faster on a CPU.  A thread takes a node, or on a CPU
-a run of nodes that fills a register.
+Each unique node sums its contributors in a fixed order and without atomics, so results repeat bit
+for bit on any device. Meshes number their nodes by the count of contributors (one, two, more), so
+that the branches cost nothing; a node with three contributors has a fourth that points to a zero. A
+pointwise term commutes with the mass-weighted average, so it is added here once per unique node
+instead of once per element node. Arrays are separate arguments and not members of a structure: only
+then does Warp compile a path for contiguous arrays, which is faster on a CPU. A thread handles one
+node, or on a CPU as many consecutive nodes as fill a register.
 """
 
 import functools
@@ -26,11 +26,12 @@ from swe_sphere.kernels.terms import KernelTypes, geometry
 
 @functools.cache
 def assembly_kernels(unknowns: int, point: Pointwise) -> tuple[Any, Any]:
-    """Return the kernels for the tendency (unknowns*N,) of unique nodes, with its terms.
+    """Return two kernels that store the tendency (unknowns*N,) of unique nodes.
 
-    The first one is for local tendencies (entries,), whose fields are `stride` apart, and the nodes
-    from `first` on.  The second one, (N, structure, state, stage, result), is for no terms with
-    derivatives, so that there is nothing to assemble.
+    The first kernel, `assemble_pointwise`, assembles local tendencies (entries,), whose fields are
+    `stride` apart, at the nodes from `first` on, and adds the pointwise terms. The second kernel
+    has the arguments (N, structure, state, stage, result); it serves scenes without derivatives,
+    which have nothing to assemble.
     """
     some, added, last = rows(unknowns), pointwise_sum(unknowns, point), unknowns - 1
     leave, structure, add = leave_of(unknowns), added.structure, added.add
@@ -70,7 +71,7 @@ def assemble_blocks(
     begin: int, places: Places, inverse_area: vector, stride: int, size: int, count: int,
     first: int, local: vector, s: stage, out: vector,
 ):  # fmt: skip
-    """Assemble `count` local fields into the blocks from `first` on; for nodes from `begin` on."""
+    """Assemble `count` local fields into the blocks from `first` on, at nodes from `begin` on."""
     node = begin + lanes * wp.tid()
     scale = load(inverse_area, node)
     for k in range(count):
@@ -80,7 +81,7 @@ def assemble_blocks(
 
 
 def finish_rates(t: KernelTypes, fields: int) -> Finish:
-    """Return the `Finish` that leaves rates of so many fields, with the pointwise terms added."""
+    """Return the `Finish` that stores the rates of `fields` fields, with pointwise terms added."""
     assert t.point is not None
     add, leave, some, whole = t.point.add, leave_of(fields), rows(fields), t.terms.unknowns
     poisson = t.terms.poisson
@@ -105,9 +106,9 @@ def drift(
     places: Places, inverse_area: vector, size: int, local: vector, tau: real, rate: vector,
     s: vector, carries: int, kept: real, path: vector,
 ):  # fmt: skip
-    """Step the depth of a state s (3N, ...) by the divergence that the elements left; over N nodes.
+    """Step the depth of a state s (3N, ...) at N nodes by the local divergence of the elements.
 
-    If `carries` is 1, path = kept path + tau V, with the path (2N,).
+    If `carries` is 1, the kernel also sets path = kept path + tau V, with the path (2N,).
     """
     i = wp.tid()
     k = 2 * size + i
@@ -123,7 +124,7 @@ def kick(
     places: Places, inverse_area: vector, stride: int, size: int, local: vector, gravity: real,
     tau: real, rate: vector, s: vector,
 ):  # fmt: skip
-    """Step both winds by -gravity times the gradient that the elements left, likewise."""
+    """Step both winds at N nodes by -gravity times the local gradient of the elements."""
     i = wp.tid()
     j = size + i
     scale = -gravity * inverse_area[i]

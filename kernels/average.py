@@ -1,4 +1,4 @@
-"""Averages of the energy's gradient between two states, node by node."""
+"""Averages of the energy's gradient between two states, at each node."""
 
 import functools
 from typing import Any
@@ -23,11 +23,11 @@ def square(u0: real, u1: real):
 def average_kernel(has_bottom: bool) -> Any:
     """Return the kernel that averages the energy's gradient between two states.
 
-    `first`, `last`, `mean` and `base` are states (3N,) of the skew form.  With F and B the averages
-    of hV and |V|²/2 + g(h + b), the derivatives of the energy by V and h, along the straight line
-    from `first` to `last`: `mean` becomes (wind half way, B) and `base` (F / h, h), h the depth
-    half way.  The energy is cubic, so these formulas are exact.  The height b of the `bottom` (N,)
-    [m] is only read where the scene has one.
+    `first`, `last`, `mean` and `base` are states (3N,) of the skew form. F and B are the averages
+    of hV and |V|²/2 + g(h + b), the derivatives of the energy with respect to V and h, along the
+    straight line from `first` to `last`. The kernel stores (wind half way, B) in `mean` and (F / h,
+    h) in `base`, where h is the depth half way. The energy is cubic, so these formulas are exact.
+    The bottom height b (N,) [m] is read only if the scene has a bottom.
     """
 
     @kernel

@@ -1,4 +1,4 @@
-"""Coarse functions: transfers from and to fields on elements, and sparse products between them."""
+"""Coarse functions: transfers from and to fields on elements, and their sparse products."""
 
 import functools
 from typing import Any
@@ -24,11 +24,11 @@ registers = wp.array(dtype=value)
 def transfer_kernels(t: KernelTypes, functions: int) -> tuple[Any, Any, tuple[int, int]]:
     """Return the kernels for k coarse functions on an element, with nodal `values` (k, np*np).
 
-    `restrict` leaves integrals (groups, k) over each element of a field times each function, with
-    the weights `mass` (groups, np*np) [m2]; it runs over (groups, k / `shares[0]`) threads.
-    `prolong` adds to a field the functions times the coefficients, those of an element at its
-    `numbers` (groups, k), with the same bits for a node in each of its elements; over (groups,
-    np*np / `shares[1]`) threads.  The third result is `shares`.
+    `restrict` stores the integrals (groups, k) over each element of a field times each function,
+    with the weights `mass` (groups, np*np) [m2]; it runs over (groups, k / `shares[0]`) threads.
+    `prolong` adds to a field the sum of the functions times the coefficients at the element's
+    `numbers` (groups, k). It runs over (groups, np*np / `shares[1]`) threads and gives a shared
+    node the same bits in each of its elements. The third result is `shares`.
     """
     points = t.np * t.np
     few, many = (functions, points) if t.shape == "element" else (1, 1)
@@ -63,7 +63,7 @@ def transfer_kernels(t: KernelTypes, functions: int) -> tuple[Any, Any, tuple[in
 
 @kernel
 def assembled(four: Places, more: Places, field: vector, out: vector):
-    """Sum up the integrals of each function, at up to four places and at more."""
+    """Sum the integrals of each function; `four` lists up to four contributors, `more` the rest."""
     row = wp.tid()
     total = gather(field, four, row, 0)
     if more[row][0] >= 0:
@@ -80,11 +80,12 @@ def sweep(
     beta: real, flat_d: vector, d: registers, r: registers, before: registers, after: registers,
     x: registers,
 ):  # fmt: skip
-    """Take a Chebyshev step, over groups of `lanes` rows of a `SlicedMatrix`.
+    """Take a Chebyshev step over groups of `lanes` rows of a `SlicedMatrix`.
 
-    The `values` of group g, from at[g] to at[g + 1], are coefficients of the numbers that begin at
-    d[begin]; vectors have a register a group, and d a flat view.  r -= M d, after = keep d + take
-    r/diagonal, x = before + beta after; `after` is another array than d.
+    The `values` of group g are entries at[g] to at[g + 1]; they multiply the numbers that start at
+    d[begin]. Vectors have one register per group, and d is viewed as a flat array. The step is r -=
+    M d, after = keep d + take r/diagonal, x = before + beta after; `after` and d must be different
+    arrays.
     """
     g = wp.tid()
     residual = r[g] - runs_sum(at, begin, values, flat_d, g)
@@ -98,10 +99,10 @@ def sweep(
 def tall_product(
     at: Numbers, columns: Numbers, values: registers, x: vector, add: int, out: registers
 ):
-    """out = M x, or out + M x if `add`, over groups of `lanes` rows of a `TallMatrix`.
+    """Set out = M x, or out += M x if `add`, over groups of `lanes` rows of a `TallMatrix`.
 
-    Rows of a group share their columns; the `values` of group g, from at[g] to at[g + 1], are those
-    of its rows in one column each.
+    The rows of a group share their columns. The `values` of group g are entries at[g] to at[g + 1],
+    each for one column.
     """
     g = wp.tid()
     total = numbers_sum(at, columns, values, x, g)
@@ -112,13 +113,13 @@ def tall_product(
 
 @kernel
 def tall_parts(at: Numbers, values: registers, y: registers, out: vector):
-    """Leave the part of each group in M' y, column by column."""
+    """Store the contribution of each group to M' y, column by column."""
     columns_products(at, values, y, wp.tid(), out)
 
 
 @kernel
 def tall_total(ends: Numbers, listed: Numbers, parts: vector, out: vector):
-    """Add up these parts, over columns; they are `listed` by column from ends[c] to ends[c + 1]."""
+    """Sum these contributions over columns; column c lists its own from ends[c] to ends[c + 1]."""
     c = wp.tid()
     found = real(0.0)
     for k in range(ends[c], ends[c + 1]):

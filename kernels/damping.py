@@ -1,4 +1,4 @@
-"""Damping of each element's own modes: a cheap stand-in for the inverse of implicit diffusion."""
+"""Damping of the modes of each element: an inexpensive stand-in for inverse implicit diffusion."""
 
 import warp as wp
 
@@ -15,7 +15,7 @@ matrix, each = wp.array2d(dtype=real), wp.array2d(dtype=value)
 def damp(to_modes: matrix, to_nodes: matrix, factor: each, scale: each, x: local, out: local):
     """Multiply the modes of an element by `factor` (groups, np*np), then by `scale`, over groups.
 
-    `to_modes` and `to_nodes` (np, np) act along one coordinate.
+    `to_modes` and `to_nodes` (np, np) transform along one coordinate.
     """
     e = wp.tid()
     a = wp.zeros(shape=(np_, np_), dtype=value)
@@ -39,7 +39,7 @@ def damp(to_modes: matrix, to_nodes: matrix, factor: each, scale: each, x: local
 
 @kernel
 def covariant(node: nodes, basis: basis, size: int, r: state, first: local, second: local):
-    """Leave the covariant components of the wind of a state; over (groups, np*np / share)."""
+    """Store the covariant wind components of a state; runs over (groups, np*np / share) threads."""
     e, part = wp.tid()
     for n in range(part * share, part * share + share):
         u = load_given(r, 0, node[e, n])
@@ -51,7 +51,7 @@ def covariant(node: nodes, basis: basis, size: int, r: state, first: local, seco
 
 @kernel
 def physical(weight: matrix, basis: basis, first: local, second: local, east: local, north: local):
-    """Leave the wind of covariant components, with the weights of DSS; likewise."""
+    """Store the wind of covariant components, with DSS weights; threads as in `covariant`."""
     e, part = wp.tid()
     for n in range(part * share, part * share + share):
         w = weight[n // np_, n % np_]
@@ -62,6 +62,6 @@ def physical(weight: matrix, basis: basis, first: local, second: local, east: lo
 
 @kernel
 def joined(places: Places, inverse_area: vector, field: vector, first: int, out: state):
-    """DSS of one field; over nodes."""
+    """Apply DSS to one field; runs over nodes."""
     node = wp.tid()
     out[first + node] = given(inverse_area[node] * gather_one(field, places, node, 0))

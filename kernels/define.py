@@ -1,9 +1,9 @@
-"""How kernels, device functions and their structures are defined.
+"""Definition of kernels, device functions and their structures.
 
-A kernel is compiled for a number type and for so many numbers side by side.  Its code uses names
-(`Name`) for what depends on them: `real`, the number type, `load`, which loads so many numbers.
-`specialise` returns the kernel of Warp in which these names, also those in the functions that it
-calls, have their meaning for a `Register` or for the `KernelTypes` of elements.
+A kernel is compiled for a number type and for a count of numbers side by side. Its code uses names
+(`Name`) for everything that depends on them: `real` is the number type, `load` loads one register.
+`specialise` returns the Warp kernel in which these names, also inside the functions that it calls,
+stand for their values for a `Register` or for the `KernelTypes` of elements.
 
 A formula is thus written once, with names for the types of its arguments and constants:
 
@@ -11,8 +11,8 @@ A formula is thus written once, with names for the types of its arguments and co
     def kinetic_energy(u: value, v: value):
         return real(0.5) * (mul(u, u) + mul(v, v))
 
-What it calls must be defined above it.  Warp compiles a kernel again where its code, or that of a
-function that it calls, has changed.
+A function must be defined above its callers. Warp compiles a kernel again if its code, or the code
+of a function that it calls, has changed.
 """
 
 import functools
@@ -36,10 +36,10 @@ def source(name: str, **given: object) -> str:
 
 @dataclass(frozen=True)
 class Register:
-    """`lanes` numbers of the type `real` side by side, or a plain number where `lanes` is 1.
+    """A register of `lanes` numbers of the type `real`, or a plain number if `lanes` is 1.
 
-    whole: products are those of whole registers.  Products of numbers that were gathered lane by
-    lane take half as long again with them.
+    whole: products use whole registers. Products of numbers that were gathered lane by lane take
+    half as long again this way.
     """
 
     real: Any
@@ -58,29 +58,29 @@ class Register:
 
     @property
     def index(self) -> Any:
-        """Warp type of a node number for each lane."""
+        """Warp type with one node number per lane."""
         return wp.types.vector(self.lanes, wp.int32) if self.lanes > 1 else wp.int32
 
     def rows(self, count: int) -> Any:
-        """Warp type of `count` registers, one after the other."""
+        """Return the Warp type of `count` consecutive registers."""
         if self.lanes == 1:
             return wp.types.vector(count, self.real)
         return wp.types.matrix((count, self.lanes), self.real)
 
     @staticmethod
     def func_native(code: str) -> Callable[[Any], Any]:
-        """Return a decorator that makes a device function of C++; Warp recognises it by its name.
+        """Return a decorator that builds a device function from C++; Warp identifies it by name.
 
         The code uses the types `number`, `run` (a register of the processor), `runs` (a pointer to
-        it) and `value` (the register of Warp), the number `lanes`, and `as_value(run)`.  The
-        compiler makes whole registers of the loops over lanes in Warp's vectors in most places
-        only.  A statement has one operation, so that the compiler contracts none.
+        one) and `value` (the register of Warp), the number `lanes`, and `as_value(run)`. The
+        compiler turns loops over the lanes of Warp's vectors into whole registers in most places
+        only. Each statement contains one operation, so that the compiler contracts none.
         """
         return lambda f: Template(f, lambda made, of: wp.func_native(of.prelude + code)(made))
 
     @property
     def prelude(self) -> str:
-        """C++ with which every native function begins."""
+        """C++ code at the beginning of every native function."""
         attributes = f"__attribute__((ext_vector_type({self.lanes}), aligned(sizeof(number))))"
         vector = f"wp::vec_t<{self.lanes}, number>"
         return f"""
@@ -94,20 +94,20 @@ class Register:
 
 
 def lanes_of(real: Any) -> int:
-    """Return how many numbers of the type `real` a SIMD register holds: elements side by side."""
+    """Return how many numbers of the type `real` fill a SIMD register (elements side by side)."""
     size: int = wp.types.type_size_in_bytes(real)
     return REGISTER_BYTES // size
 
 
 class Name:
-    """A type, number or function in the code of kernels that depends on what they are for."""
+    """A type, number or function in kernel code whose value depends on the register or elements."""
 
     def __init__(self, find: Callable[[Any], Any], of_elements: bool = False) -> None:
-        """find: from a `Register`, or the `KernelTypes` of elements if `of_elements`."""
+        """Store `find`: from a `Register`, or `KernelTypes` if `of_elements`, to the value."""
         self._find, self.of_elements, self._found = find, of_elements, dict[Any, Any]()
 
     def find(self, of: Any) -> Any:
-        """Return the meaning for a `Register` or `KernelTypes`, the same object each time."""
+        """Return the value for a `Register` or `KernelTypes`, the same object each time."""
         key = of if self.of_elements else of.register
         if key not in self._found:
             self._found[key] = self._find(key)
@@ -118,7 +118,7 @@ class Template(Name):
     """A kernel or a device function whose code uses names, all of them defined before it."""
 
     def __init__(self, function: Any, compiled: Callable[[Any, Any], Any]) -> None:
-        """compiled: makes what Warp compiles of a Python function, for a register."""
+        """Store the function and `compiled`, which turns it into a Warp object for a register."""
         self._function, self._compiled, known = function, compiled, function.__globals__
         self._names = {name: known.get(name) for name in function.__code__.co_names}
         self._around = [cell.cell_contents for cell in function.__closure__ or ()]
@@ -141,9 +141,9 @@ class Template(Name):
 
 
 def specialise(it: Any, of: Any) -> Any:
-    """Return the meaning of a name, or of an array type with one, for a register or elements.
+    """Return the value of a name, or of an array type with one, for a register or elements.
 
-    of: a `Register`, `KernelTypes`, or a number type of Warp, which means plain numbers.
+    of: a `Register`, `KernelTypes`, or a number type of Warp, which stands for plain numbers.
     """
     of = of if hasattr(of, "register") else Register(of)
     if isinstance(it, wp.array) and isinstance(it.dtype, Name):
@@ -161,17 +161,17 @@ else:
     headers, which takes 3 s."""
 
     def func(f: Any) -> Template:
-        """Decorator of all device functions."""
+        """Turn a Python function into a device function; decorates all of them."""
         return Template(f, lambda made, _: wp.func(made))
 
     def kernel(f: Any) -> Template:
-        """Decorator of all kernels."""
+        """Turn a Python function into a kernel; decorates all of them."""
         return Template(f, lambda made, _: wp.kernel(made, **OPTIONS))
 
 
 @functools.cache
 def rows(count: int) -> Any:
-    """Return the name of `count` registers, one after the other."""
+    """Return the name of `count` consecutive registers."""
     return Name(lambda of: of.rows(count))
 
 
@@ -180,7 +180,7 @@ real: Any = Name(lambda of: of.real)
 value: Any = Name(lambda of: of.value)
 """A register."""
 index: Any = Name(lambda of: of.index)
-"""Number of a node for each number of a register."""
+"""Node numbers, one for each lane of a register."""
 vector: Any = Name(lambda of: wp.array(dtype=of.real))
 """Array of numbers."""
 lanes: Any = Name(lambda of: of.lanes)

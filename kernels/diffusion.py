@@ -1,14 +1,14 @@
 """Dissipation at a point: weak Laplacians of wind (Hodge) and surface height, and the edge penalty.
 
-The penalty is one on the jumps of vorticity and divergence at the edges of elements.
-With the vorticity and divergence of each element at its edge and their weighted means over the
-elements that meet there, the weak form for every test wind w is
+The penalty acts on the jumps of vorticity and divergence at the edges of elements. Each element has
+its own vorticity and divergence at an edge; their weighted means run over the elements that meet
+there. The weak form for every test wind w is
 
     -sum over elements and edge nodes of gamma W J [(zeta - mean) curl w + (delta - mean) div w].
 
 The means are weighted with gamma W J, so that the operator is symmetric and negative semi-definite
-also where gamma differs from element to element.  (Burman & Hansbo 2004,
-doi:10.1016/j.cma.2003.12.032, penalise the jumps of gradients in this way.)
+even if gamma differs between elements. (Burman & Hansbo 2004, doi:10.1016/j.cma.2003.12.032,
+penalise the jumps of gradients in this way.)
 """
 
 from typing import Any
@@ -27,10 +27,10 @@ from swe_sphere.kernels.terms import Terms, geometry, local, np_
 def diffusion(terms: Terms, height: bool, wind: bool) -> Formula:
     """Return the weak Laplacian of the surface height, of the wind or of both.
 
-    It is -(grad phi, grad s) for each nodal test function and the surface height s, and
-    -(div phi, div V) - (curl phi, curl V) for each nodal test wind.  `fluxes` returns the rows for
-    the transposed derivatives, and `result` (geometry, t1, t2, e, n, out) adds their result to what
-    other terms left in `out`.
+    The weak Laplacian is -(grad phi, grad s) for each nodal test function and the surface height s,
+    and -(div phi, div V) - (curl phi, curl V) for each nodal test wind. `fluxes` returns the rows
+    for the transposed derivatives; `result` (geometry, t1, t2, e, n, out) adds their result to
+    `out`, which holds the other terms.
     """
     fields, at_div, at_curl = height + 2 * wind, int(height), height + 1
     kind, adds, first = rows(fields), terms.dynamics, 0 if wind else terms.unknowns - 1
@@ -137,7 +137,7 @@ def _weighted(geo: geometry, w: winds, d1: pair, d2: pair, e: int, n: int):
 
 
 derivatives = Formula(winds, wind, pair, _wind_components, _weighted, 2, to_edges=True)
-"""gamma W J times divergence and vorticity of the wind x at edges of elements."""
+"""Formula of gamma W J times divergence and vorticity of the wind x at edges of elements."""
 
 
 @func
@@ -162,7 +162,7 @@ def _weak(geo: geometry, w: none, d1: pair, d2: pair, e: int, n: int):
 
 
 weak_form = Formula(none, no_wind, pair, _jumps, _weak, 2, is_scalar=True)
-"""The weak form, of `geometry.jumps` (what the kernel of `derivatives` left) and the means x (2N,).
+"""Weak form of `geometry.jumps` (the result of the kernel of `derivatives`) and the means x (2N,).
 
 `geometry.derivative` is the transposed derivative matrix.
 """

@@ -1,4 +1,4 @@
-"""The vector-invariant shallow-water equations at a point, and their parts.
+"""The vector-invariant shallow-water equations at a point, as a whole and in parts.
 
 The equations are quadratic, so the tangent at a state along a direction is the same sum with each
 product replaced by its derivative.
@@ -20,7 +20,7 @@ from swe_sphere.kernels.terms import Terms, geometry, np_
 
 @functools.cache
 def transport(tangent: bool = False) -> Formula:
-    """Return the formula of -div(m V): mass m at `at`, wind V of a; rounded as in `state`.
+    """Return the formula of -div(m V), mass m at `at` and wind V of a; rounded as in `state`.
 
     The tangent is -div(m' V + m V'), with (V, m) of the state a and (V', m') of x.
     """
@@ -63,7 +63,7 @@ def _slope(geo: geometry, w: none, d1: single, d2: single, e: int, n: int):
 
 
 gradient = Formula(none, no_wind, single, _field, _slope, 2, is_scalar=True)
-"""grad s, for the field s at `at`."""
+"""Formula of grad s for the field s at `at`."""
 
 
 def state(terms: Terms) -> Formula:
@@ -136,8 +136,8 @@ def tangent(terms: Terms) -> Formula:
 def skew(terms: Terms) -> Formula:
     """Return the formula of -zeta k x Vb - grad B and -div(hb Vb).
 
-    zeta is the vorticity of the wind of x and B the field in the place of its depth; Vb and hb are
-    wind and depth of the state a.  See `Terms.poisson`.
+    zeta is the vorticity of the wind of x, and B is the field that x stores in place of its depth.
+    Vb and hb are wind and depth of the state a. See `Terms.poisson`.
     """
     winds, wind = winds_at(own=True, base=True)
     kind, parts, rates = _equations(terms, curls=1)
@@ -158,11 +158,12 @@ def skew(terms: Terms) -> Formula:
 
 
 def _equations(terms: Terms, curls: int) -> tuple[Any, Any, Any]:
-    """Return the rows of the momentum and continuity equations, how they begin and what they give.
+    """Return the row type of the momentum and continuity equations, and `parts` and `rates`.
 
-    The rows are B, the flux of the continuity equation, and `curls` winds where there is advection.
-    `parts` (geometry, e, n, head, fu, fv, u, v) makes the rows, but for a second wind; `rates`
-    (geometry, d1, d2, e, n, tu, tv) the rates of the wind, turned by (tu, -tv), and of the depth.
+    The rows are B, the flux of the continuity equation, and `curls` winds if there is advection.
+    `parts` (geometry, e, n, head, fu, fv, u, v) fills the rows except a second wind. `rates`
+    (geometry, d1, d2, e, n, tu, tv) returns the rates of the wind, turned by (tu, -tv), and of the
+    depth.
     """
     mass, advection, last = not terms.momentum, terms.advection, 2 - terms.momentum
     kind, fields = rows(last + advection * curls), rows(2 + mass)
@@ -203,7 +204,7 @@ def _equations(terms: Terms, curls: int) -> tuple[Any, Any, Any]:
 
 
 def surface_height(terms: Terms) -> Any:
-    """Return the function (geometry, node, h): h + b, or h without a bottom or in a tangent."""
+    """Return the function (geometry, node, h) for h + b; for h without a bottom or in a tangent."""
 
     @func
     def surface(geo: geometry, node: index, h: value):

@@ -15,9 +15,10 @@ from swe_sphere.kernels.simd.arithmetic import line_sums
 from swe_sphere.kernels.terms import KernelTypes, done, geometry, local, np_
 
 Finish = Any
-"""Function (geometry, x, result, k, node, done) for nodes inside elements, which need no DSS: it
-multiplies the rows of a result by the inverse area and steps or stores them.  `k` is the field with
-which the result begins, `node` the number of the node in the first element of the group."""
+"""Function (geometry, x, result, k, node, done) for nodes inside elements, which need no DSS.
+
+The function multiplies the rows of a result by the inverse area and steps or stores them.  `k` is
+the first field of the result, `node` the number of the node in the first element of the group."""
 
 
 def element_sweep(
@@ -25,9 +26,10 @@ def element_sweep(
 ) -> tuple[Any, Any]:
     """Return functions that apply the formula to the elements of a group e.
 
-    (geometry, a, x, e) loads winds that are `shared` by all fields; (geometry, a, x, at, k, e, n,
-    out, done) then applies the formula at the offset `at` of x, for the k-th field of `out`; n is
-    not used.  With `finish`, nodes inside the elements, which need no DSS, go to `done` finished.
+    The first one, (geometry, a, x, e), loads winds that all fields share if `shared`. The second
+    one, (geometry, a, x, at, k, e, n, out, done), then applies the formula at the offset `at` of x
+    and stores the k-th field of `out`; n is unused. `finish` stores nodes inside the elements,
+    which need no DSS, in `done`.
     """
     (d1, d2), store = line_sums(t.np, f.rows), _store(f, finish)
     scalar, turns, to_edges = f.is_scalar, f.turns, f.to_edges
@@ -78,7 +80,7 @@ def element_sweep(
 
 
 def _store(f: Formula, finish: Finish) -> Any:
-    """Return the function (geometry, x, result, k, e, i, j, out, done), from the k-th field on."""
+    """Return the function (geometry, x, result, k, e, i, j, out, done) that stores fields."""
     kind, keep = rows(f.fields), keep_fields(f.fields)
 
     @func
@@ -97,7 +99,7 @@ def _store(f: Formula, finish: Finish) -> Any:
 
 
 def keep_fields(fields: int) -> Any:
-    """Return the function (result, e, n, k, out): the fields go to `out`, from the k-th on."""
+    """Return the function (result, e, n, k, out) that stores fields in `out` from the k-th on."""
 
     @func
     def keep(r: rows(fields), e: int, n: int, k: int, out: local):
@@ -111,9 +113,9 @@ def keep_fields(fields: int) -> Any:
 
 
 def element_diffusion(t: KernelTypes, finish_of: Any = None) -> Any:
-    """Return the function (geometry, x, e, n, out, done): weak Laplacians in a group e, for no n.
+    """Return the function (geometry, x, e, n, out, done) for weak Laplacians in a group e.
 
-    finish_of: makes a `Finish` for so many fields.
+    finish_of: maps a number of fields to their `Finish`. n is unused.
     """
     last = t.terms.unknowns - 1
     of_height = _laplacian(t, diffusion(t.terms, True, False), last, finish_of and finish_of(1))
@@ -122,14 +124,14 @@ def element_diffusion(t: KernelTypes, finish_of: Any = None) -> Any:
     @func
     def diffuse(geo: geometry, x: vector, e: int, n: int, out: local, done: done):
         of_height(geo, x, e, out, done)
-        if wp.static(last > 0):  # one after the other, for the sake of the first-level cache
+        if wp.static(last > 0):  # one by one, so that the first-level cache suffices
             of_wind(geo, x, e, out, done)
 
     return diffuse
 
 
 def _laplacian(t: KernelTypes, f: Formula, first: int, finish: Finish) -> Any:
-    """Return the function (geometry, x, e, out, done) for the fields from the `first` on."""
+    """Return the function (geometry, x, e, out, done) for the fields from `first` on."""
     kind, store, scalar, order = f.rows, _store(f, finish), f.is_scalar, t.np
     wind, slopes, fluxes, result = f.wind, f.slopes, f.fluxes, f.result
     (d1, d2), (t1, t2) = line_sums(order, kind), line_sums(order, kind, transposed=True)
@@ -168,9 +170,9 @@ def _laplacian(t: KernelTypes, f: Formula, first: int, finish: Finish) -> Any:
 
 
 def scratch(t: KernelTypes, *kinds: Any) -> list[Any]:
-    """Return offsets [bytes] in a group's room for work arrays (np, np) of these types.
+    """Return offsets [bytes] in a group's work memory for arrays (np, np) of these types.
 
-    Warp sets an array of a kernel's own to zero, and it would lie across cache lines.
+    Warp's own arrays inside a kernel are zeroed first and lie across cache lines.
     """
     size = wp.types.type_size_in_bytes
     sizes = [t.np * t.np * size(specialise(kind, t)) for kind in kinds]
@@ -179,5 +181,5 @@ def scratch(t: KernelTypes, *kinds: Any) -> list[Any]:
 
 
 def room(np_: int) -> int:
-    """Return the bytes of this room: 16 registers a node."""
+    """Return the size of this memory [bytes]: 16 registers per node."""
     return 16 * 64 * np_ * np_

@@ -1,7 +1,7 @@
-"""Operators on elements, given by their formulas at a point for both launch shapes.
+"""Operators on elements, each defined by its formula at a point for both launch shapes.
 
-The launch shapes call the functions here with plain numbers (one thread a node) or with SIMD
-registers that hold one node of several elements (one thread a group of elements).
+The launch shapes call these functions with plain numbers (one thread per node) or with SIMD
+registers that hold one node of several elements (one thread per group of elements).
 """
 
 from dataclasses import dataclass
@@ -16,33 +16,33 @@ from swe_sphere.kernels.terms import geometry
 
 @dataclass(frozen=True)
 class Formula:
-    """An operator at node n of element e; `element.py` and `node.py` differentiate for it.
+    """An operator at node n of element e; `element.py` and `node.py` add the derivatives.
 
-    x is the vector of the unknowns, with the field in question at the offset `at`; a is the vector
+    x is the vector of the unknowns, with the operator's field at the offset `at`; a is the vector
     of a prescribed wind or of the state at which a tangent is taken.
     """
 
     winds: Any
-    """Type of the winds at a node: rows of them, or one of zeros where the formula needs none."""
+    """Type of the winds at a node: rows of winds, or one row of zeros if the formula needs none."""
     wind: Any
-    """(geometry, a, x, e, n): the `winds`."""
+    """Function (geometry, a, x, e, n) that returns the `winds`."""
     rows: Any
-    """Type of what is differentiated."""
+    """Type of the rows that are differentiated."""
     slopes: Any
-    """(geometry, winds, a, x, at, e, n): the two `rows` that are differentiated along the first and
-    along the second coordinate."""
+    """Function (geometry, winds, a, x, at, e, n) that returns the two `rows` to differentiate along
+    the first and along the second coordinate."""
     result: Any
-    """(geometry, winds, d1, d2, e, n): `fields` rows of the result, times the weights."""
+    """Function (geometry, winds, d1, d2, e, n): `fields` rows of the result times the weights."""
     fields: int
     is_scalar: bool = False
-    """True where the same rows are differentiated along both coordinates."""
+    """True if the same rows are differentiated along both coordinates."""
     turns: bool = False
-    """True where the result needs the winds."""
+    """True if the result needs the winds."""
     to_edges: bool = False
-    """True where only results at the edges of elements are used."""
+    """True if only results at the edges of elements are used."""
     fluxes: Any = None
-    """(geometry, d1, d2, e, n) of a weak Laplacian: two `rows` for the transposed derivatives along
-    each coordinate; see `diffusion` for its result."""
+    """Function (geometry, d1, d2, e, n) of a weak Laplacian that returns two `rows` for the
+    transposed derivatives along each coordinate; see `diffusion` for its result."""
 
 
 single, pair = rows(1), rows(2)

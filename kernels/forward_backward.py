@@ -1,9 +1,9 @@
-"""Continuity and momentum stepped one after the other, by the kernels that compute their rates.
+"""Continuity and momentum equations stepped in turn, by the kernels that compute their rates.
 
-A field is stepped at a node once its rate is known, and combinations of the time levels are left
-for the elements to differentiate next, so that no level is read for that alone.  Nodes inside
-elements need no DSS: on a CPU the kernels over elements step these nodes themselves.  Other nodes
-are stepped with DSS, one by one or on a CPU in runs that fill a register.
+A field is stepped at a node once its rate is known. The kernels also store combinations of the time
+levels, which the elements differentiate next, so that no level is read only for that. Nodes inside
+elements need no DSS: on a CPU the kernels over elements step these nodes themselves. The other
+nodes are stepped with DSS, singly or, on a CPU, in runs that fill a register.
 """
 
 import functools
@@ -26,7 +26,7 @@ from swe_sphere.kernels.terms import KernelTypes, geometry
 def _finish_mass(
     unknowns: int, geometry: Any, point: Any, damped: bool, shifted: bool = False
 ) -> Finish:
-    """Return the function that steps the k-th mass, the depth first.
+    """Return the function that steps the k-th mass; the depth is the first one.
 
     geometry: a Warp structure with at least N (`size`), `inverse_area` (N,) and `point`; point: its
     `PointwiseSum`; damped: the loss of `levels_struct` is added to all rates; shifted: its base is
@@ -42,7 +42,7 @@ def _finish_mass(
             rate += of_depth(geo.point, node, geo.size, s.pushed, s.carried)[0]
         if wp.static(damped):
             rate += load(s.loss, at)
-        if wp.static(first > 0) and k == 0:  # first, as `out` may be a level, which is gone then
+        if wp.static(first > 0) and k == 0:  # before `out`, which may overwrite a level
             step(s.now, s.past, at, rate, s.tau, s.mixes, s.base, s.pushed, s.pushed)
         step(s.now, s.past, at, rate, s.tau, s.weights, s.base, s.out, s.carried)
 
@@ -50,7 +50,7 @@ def _finish_mass(
 
 
 def _finish_wind(geometry: Any, point: Any, damped: bool, shifted: bool = False) -> Finish:
-    """Return the function that steps both winds; arguments as for `_finish_mass`.
+    """Return the function that steps both winds; the arguments are those of `_finish_mass`.
 
     If `shifted`, `carried` then holds the combinations of the winds too.
     """
@@ -76,7 +76,7 @@ def _finish_wind(geometry: Any, point: Any, damped: bool, shifted: bool = False)
 def carrying_kernel(t: KernelTypes, damped: bool) -> Any:
     """Return the kernel (geometry, a, x, first, count, out, levels) of `transport`.
 
-    It steps the masses at nodes inside the elements of the first `whole` groups.
+    The kernel steps the masses at nodes inside the elements of the first `whole` groups.
     """
     finish = _finish_mass(t.terms.unknowns, geometry, t.point, damped)
     return field_kernel(t, transport(), finish)
@@ -91,13 +91,13 @@ def pushing_kernel(t: KernelTypes, damped: bool) -> Any:
 
 @functools.cache
 def run_kernels(unknowns: int, point: Pointwise, damped: bool) -> tuple[Any, Any, Any]:
-    """Return the kernels that sum up what elements left for runs of nodes, and step it.
+    """Return two kernels that assemble and step runs of nodes, and the name of their geometry.
 
-    That of depth and tracers: from the node `begin` on, out = now + tau (rate + loss) in `count`
-    blocks, with the rates of the pointwise terms at the masses `carried` and the wind of `pushed`;
-    then the combinations of `levels_struct`.  That of both winds, with the rates at `pushed`.  And
-    their geometry.  `loss` is only read where `damped`.  Where `point` is a tangent, all
-    combinations are shifted by `base`.
+    The first kernel steps depth and tracers: from the node `begin` on, out = now + tau (rate +
+    loss) in `count` blocks, with the rates of the pointwise terms at the masses `carried` and the
+    wind of `pushed`; then it stores the combinations of `levels_struct`. The second kernel steps
+    both winds, with the rates at `pushed`. `loss` is read only if `damped`. If `point` is a
+    tangent, all combinations are shifted by `base`.
     """
     added, shifted = pointwise_sum(unknowns, point), point.tangent
 
@@ -133,10 +133,10 @@ def run_kernels(unknowns: int, point: Pointwise, damped: bool) -> tuple[Any, Any
 
 @functools.cache
 def combine_levels_kernel(shifted: bool) -> Any:
-    """Return the kernel (first, now, past, older, weights, base, out), for the first passes.
+    """Return the kernel (first, now, past, older, weights, base, out) for the first passes.
 
-    out is the sum of the levels with these weights, from the offset `first` on; less `base`, where
-    it is `shifted`.
+    The kernel stores the weighted sum of the levels in `out` from the offset `first` on, less
+    `base` if `shifted`.
     """
 
     @kernel

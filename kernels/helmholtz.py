@@ -1,15 +1,16 @@
-"""Block elimination of the linearised equations, on fields that every element has for itself.
+"""Block elimination of the linearised equations, on fields that each element stores separately.
 
-With tau the implicit step, T = (I + tau f k x)^-1 and the depth H, elimination of the wind leaves
-S = I - tau^2 g D H T G for the depth, with the discrete, DSS'd gradient G and divergence D.
+With tau the implicit step, T = (I + tau f k x)^-1 and the depth H, elimination of the wind leads to
+S = I - tau^2 g D H T G for the depth, with the assembled discrete gradient G and divergence D.
 
-A field has a node once in each element that holds it, (groups + 1, np*np, 1), so that kernels read
-whole SIMD registers.  What an element leaves for DSS has the same shape, and DSS is made where it
-is read next: to the own contribution come those of `others` (groups, np*np, 3), one on an edge of
-the element and three at a corner.  One that is not there stands in the last group, which is zero.
+A field (groups + 1, np*np, 1) stores a shared node once in each of its elements, so that kernels
+read whole SIMD registers. Local results before DSS have the same shape, and the next kernel that
+reads them applies DSS: it adds to an element's own contribution those of `others` (groups, np*np,
+3), one on an edge of the element and three at a corner. A contributor that does not exist points to
+the last group, which is zero.
 
-The kernels are for elements with `Terms.waves`.  They run over (groups, np*np / `share`) threads,
-those on states over N nodes.
+The kernels are for elements with `Terms.waves`. They run over (groups, np*np / `share`) threads;
+kernels on states run over N nodes.
 """
 
 from typing import Any
@@ -33,13 +34,13 @@ from swe_sphere.kernels.simd.memory import (
 from swe_sphere.kernels.terms import across, along, geometry, given, local, np_, share, state
 
 together: Any = Name(lambda t: t.shape == "element", of_elements=True)
-"""True where fluxes stand in one row of f1 and f2, in the nearest cache.  A thread then takes their
-divergence too; otherwise `divergence` does."""
+"""True if fluxes share one row of f1 and f2, which stays in the nearest cache.  The same thread
+then computes their divergence; otherwise `divergence` does."""
 
 
 @func
 def assembled(geo: geometry, field: local, flat: vector, e: int, n: int):
-    """Return DSS at a node of an element."""
+    """Return the value at a node of an element after DSS."""
     total = field[e, n, 0]
     on_1 = (n // np_) % (np_ - 1) == 0
     on_2 = (n % np_) % (np_ - 1) == 0
@@ -52,7 +53,7 @@ def assembled(geo: geometry, field: local, flat: vector, e: int, n: int):
 
 @func
 def derivatives(geo: geometry, a: local, b: local, e: int, n: int):
-    """Return those of a along the first coordinate and of b along the second."""
+    """Return the derivatives of a along the first coordinate and of b along the second."""
     at = e * np_ * np_
     on_1 = wp.array(ptr=address(a, at), shape=(np_, np_), dtype=value)
     on_2 = wp.array(ptr=address(b, at), shape=(np_, np_), dtype=value)
@@ -93,7 +94,7 @@ def put_fluxes(geo: geometry, u: value, v: value, row: int, e: int, n: int, f1: 
 
 @kernel
 def wind_fluxes(begin: int, geo: geometry, r: state, f1: local, f2: local, out: local):
-    """Leave the fluxes of the wind of r."""
+    """Store the fluxes of the wind of r."""
     e, part = wp.tid()
     e += begin
     row = wp.where(together, 0, e)
@@ -111,7 +112,7 @@ def slope_fluxes(
     begin: int, geo: geometry, east: local, east_flat: vector, north: local, north_flat: vector,
     f1: local, f2: local, out: local,
 ):  # fmt: skip
-    """Leave the fluxes of a gradient."""
+    """Store the fluxes of a gradient."""
     e, part = wp.tid()
     e += begin
     row = wp.where(together, 0, e)
@@ -156,7 +157,7 @@ def substituted(
     begin: int, places: Places, of_own: Numbers, inverse_area: vector, same: vector, cross: vector,
     size: int, east: vector, north: vector, h: vector, r: state, tau_g: real, out: state,
 ):  # fmt: skip
-    """Leave the wind that follows from the depth, and the depth."""
+    """Store the wind that follows from the depth, and the depth."""
     node = begin + wp.tid()
     scale = tau_g * inverse_area[node]
     u = real(r[node]) - scale * gather_one(east, places, node, 0)
@@ -170,7 +171,7 @@ def substituted(
 
 @kernel
 def spread(begin: int, node: nodes, x: state, out: local):
-    """Bring a nodal vector (N,) to a field."""
+    """Copy a nodal vector (N,) to a field."""
     e, part = wp.tid()
     e += begin
     for n in range(part * share, part * share + share):
@@ -179,6 +180,6 @@ def spread(begin: int, node: nodes, x: state, out: local):
 
 @kernel
 def collect(begin: int, of_own: Numbers, flat: vector, out: state):
-    """Bring a field to a nodal vector (N,)."""
+    """Copy a field to a nodal vector (N,)."""
     node = begin + wp.tid()
     out[node] = given(flat[of_own[node]])

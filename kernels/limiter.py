@@ -1,11 +1,12 @@
 """Bounds on the mixing ratios of tracers that keep their masses: clip and assured sum.
 
-A mass hq outside [lower h, upper h] is clipped; what that adds or takes is given back to the other
-nodes, to each in proportion to the room it has to its bound, so that none leaves it again.  First
-within each element, where the nodes are close; an element whose mean is out of bounds is only made
-even.  Then over the whole sphere, for what such elements leave (Bradley, Bosler, Guba, Taylor &
-Barnett 2019, doi:10.1137/18M1165414, section 2.2).  Sums are added in a fixed order, so that a run
-repeats bit by bit; a tracer within its bounds is left as it is, to the last bit.
+A mass hq outside [lower h, upper h] is clipped; the mass that clipping adds or removes is given
+back to the other nodes, to each in proportion to the distance from its bound, so that no node
+leaves its bounds again. The limiter works first within each element, whose nodes are close
+together; an element whose mean is out of bounds is set to its mean. Then it works over the whole
+sphere, on the excess of such elements (Bradley, Bosler, Guba, Taylor & Barnett 2019,
+doi:10.1137/18M1165414, section 2.2). Sums are added in a fixed order, so that a run repeats bit by
+bit; a tracer within its bounds keeps all its bits.
 """
 
 import warp as wp
@@ -17,7 +18,7 @@ from swe_sphere.kernels.simd.memory import load, load_nodes, put
 from swe_sphere.kernels.terms import geometry, local, np_
 
 TINY = 1e-30
-"""Room below which nothing is put: far below any depth, and a number in float32 too."""
+"""Smallest room that receives mass: far below any depth, and representable in float32."""
 
 
 @func
@@ -49,10 +50,11 @@ def limit_elements(
     begin: int, geo: geometry, x: vector, depth: int, first: int, count: int, lower: vector,
     upper: vector, out: local,
 ):  # fmt: skip
-    """Limit within each element, over groups from `begin` on; bounds (count,).
+    """Limit within each element, over groups from `begin` on; the bounds have shape (count,).
 
-    `depth` and `first` are the offsets of the depth and of the first tracer in the state x.  `out`
-    (groups, np*np, count) becomes the mass-weighted change of each element node, before DSS.
+    `depth` and `first` are the offsets of the depth and of the first tracer in the state x. The
+    kernel stores the mass-weighted change of each element node, before DSS, in `out` (groups,
+    np*np, count).
     """
     e = begin + wp.tid()
     for k in range(count):
@@ -84,9 +86,9 @@ def sum_rooms(
     spans: wp.array3d(dtype=wp.int32), lower: vector, upper: vector,
     partial: wp.array2d(dtype=wp.vec3d),
 ):  # fmt: skip
-    """Add up excess and room above and below (three numbers); over (count, blocks).
+    """Sum the excess and the room above and below (three numbers), over (count, blocks).
 
-    A block is the nodes from spans[k, block, 0] to spans[k, block, 1], all k.
+    Block b contains the nodes from spans[k, b, 0] to spans[k, b, 1] for all k.
     """
     k, block = wp.tid()
     total = wp.vec3d()
@@ -100,7 +102,7 @@ def sum_rooms(
 
 @kernel
 def fill_rooms(partial: wp.array2d(dtype=wp.vec3d), blocks: int, part: wp.array(dtype=wp.vec2d)):
-    """Leave the shares of the room above and below that are filled (two numbers); over (count,)."""
+    """Store the fractions of the room above and below that are filled (two), over (count,)."""
     k = wp.tid()
     total = wp.vec3d()
     for block in range(blocks):
@@ -118,7 +120,7 @@ def limit_sphere(
     begin: int, depth: int, first: int, size: int, count: int, lower: vector, upper: vector,
     part: wp.array(dtype=wp.vec2d), x: vector,
 ):  # fmt: skip
-    """Fill these shares, over runs of nodes from `begin` on."""
+    """Fill these fractions, over runs of nodes from `begin` on."""
     node = begin + lanes * wp.tid()
     h = load(x, depth + node)
     for k in range(count):

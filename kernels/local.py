@@ -1,7 +1,7 @@
 """Kernels over elements, in both launch shapes: mass-weighted results of each element, before DSS.
 
-The shape "element" launches a thread for each group of elements, "node" (E, np*np) threads, one an
-element node.  Formulas, arguments and results (groups, np*np, fields) are the same.
+The shape "element" launches one thread per group of elements, the shape "node" (E, np*np) threads,
+one per element node. Formulas, arguments and results (groups, np*np, fields) are the same.
 """
 
 import functools
@@ -22,12 +22,11 @@ from swe_sphere.kernels.terms import KernelTypes, Terms, done, geometry, local
 def tendency_kernels(t: KernelTypes, finish_of: Any = finish_rates) -> list[Any]:
     """Return the kernel (begin, geometry, x (unknowns*N,), out, done (unknowns*N,)) of `t.terms`.
 
-    It is for the groups of elements from `begin` on.
-
-    With diffusion in the shape "node" the kernel (geometry, x), which fills `geometry.fluxes`, goes
-    before, over the same threads.  Where `t` has pointwise terms, the tendencies at nodes inside
-    the first `whole` groups go to `done` as DSS would leave them; else `done` is not written.
-    finish_of: makes, from t and a number of fields, what finishes these nodes.
+    The kernel handles the groups of elements from `begin` on. With diffusion in the shape "node",
+    the kernel (geometry, x), which fills `geometry.fluxes`, precedes it in the list and runs over
+    the same threads. If `t` has pointwise terms, the tendencies at nodes inside the first `whole`
+    groups are stored in `done`, as after DSS; otherwise `done` is not written. finish_of: maps t
+    and a number of fields to the `Finish` of these nodes.
     """
     terms, formula, source = t.terms, _formula(t.terms), _source(t.terms)
     by_node = t.shape == "node"
@@ -46,7 +45,7 @@ def tendency_kernels(t: KernelTypes, finish_of: Any = finish_rates) -> list[Any]
         if wp.static(terms.diffuses):
             diffuse(geo, x, e, n, out, done)
 
-    # two kernels: with a second number for a thread, Warp divides twice for each element
+    # two kernels, because a thread index in two dimensions costs two divisions per element
     @kernel
     def tendency_of_groups(begin: int, geo: geometry, x: vector, out: local, done: done):
         add_terms(geo, x, begin + wp.tid(), 0, out, done)
@@ -65,8 +64,8 @@ def tendency_kernels(t: KernelTypes, finish_of: Any = finish_rates) -> list[Any]
 def field_kernel(t: KernelTypes, formula: Formula, finish: Finish = None) -> Any:
     """Return the kernel (begin, geometry, a, x, first, count, out, done) of a formula.
 
-    It is for the groups of elements from `begin` on, and for `count` fields of x from the offset
-    `first` on; `done` is only used by `finish`.  The shape "node" launches (E, count, np*np)
+    The kernel handles the groups of elements from `begin` on, and `count` fields of x from the
+    offset `first` on; only `finish` uses `done`. The shape "node" launches (E, count, np*np)
     threads.
     """
     by_node, (load_winds, sweep) = t.shape == "node", _sweep(t, formula, finish, shared=True)
@@ -95,7 +94,7 @@ def field_kernel(t: KernelTypes, formula: Formula, finish: Finish = None) -> Any
 def _sweep(
     t: KernelTypes, formula: Formula | None, finish: Finish, shared: bool = False
 ) -> tuple[Any, Any]:
-    """Return the functions of `element_sweep`; in the shape "node" no winds are loaded ahead."""
+    """Return the functions of `element_sweep`; the shape "node" has none that loads winds."""
     if formula is None:
         return None, None
     if t.shape == "node":
@@ -104,7 +103,7 @@ def _sweep(
 
 
 def _formula(terms: Terms) -> Formula | None:
-    """Return the formula of the terms but diffusion."""
+    """Return the formula of all terms except diffusion."""
     if not terms.dynamics:
         return None
     if terms.wind:
@@ -115,7 +114,7 @@ def _formula(terms: Terms) -> Formula | None:
 
 
 def _source(terms: Terms) -> Any:
-    """Return the function (geometry, x): the vector of the prescribed wind or of the base."""
+    """Return the function (geometry, x) for the vector of the prescribed wind or of the base."""
 
     @func
     def source(geo: geometry, x: vector):

@@ -1,13 +1,13 @@
 """Vectors on the sphere and their derivatives in the reference coordinates of an element.
 
-With the 2x2 matrix a[i, k] = dx/dxi_i . e_k [m] (frame e_k, reference coordinates xi_i) and
-J = det a, the covariant wind is u_i = a[i, k] V_k, and J times the contravariant wind as well as J
-times a gradient need only the adjugate of a, so that no division is needed (formulas: Taylor &
-Fournier 2010, doi:10.1016/j.jcp.2010.04.008, section 4).
+With the 2x2 matrix a[i, k] = dx/dxi_i . e_k [m] (frame e_k, reference coordinates xi_i) and J = det
+a, the covariant wind is u_i = a[i, k] V_k. J times the contravariant wind and J times a gradient
+require only the adjugate of a, hence no division (formulas: Taylor & Fournier 2010,
+doi:10.1016/j.jcp.2010.04.008, section 4).
 
-The functions are for node n of element e, plain numbers or SIMD registers.  `basis` (groups, np*np,
-4) holds a[1, 1], a[1, 2], a[2, 1] and a[2, 2] [m]; d1 and d2 are derivatives along the reference
-coordinates.
+The functions apply to node n of element e, with plain numbers or SIMD registers. `basis` (groups,
+np*np, 4) holds a[1, 1], a[1, 2], a[2, 1] and a[2, 2] [m]; d1 and d2 are derivatives along the
+reference coordinates.
 """
 
 import warp as wp
@@ -42,23 +42,23 @@ def covariant_wind(b: basis, e: int, n: int, u: value, v: value):
 
 @func
 def gradient(b: basis, e: int, n: int, d1: value, d2: value):
-    """Return J times the gradient of a field with these derivatives."""
+    """Return J times the gradient of a field with the derivatives d1 and d2."""
     return wedge(d1, d2, b[e, n, 1], b[e, n, 3]), wedge(b[e, n, 0], b[e, n, 2], d1, d2)
 
 
 @func
 def divergence(d1: value, d2: value):
-    """Return J div, of d1 of the first contravariant flux and d2 of the second."""
+    """Return J div from d1 of the first contravariant flux and d2 of the second."""
     return d1 + d2
 
 
 @func
 def curl(d1: value, d2: value):
-    """Return J times the vorticity, of d1 of the second covariant wind and d2 of the first."""
+    """Return J times the vorticity from d1 of the second covariant wind and d2 of the first."""
     return d1 - d2
 
 
 @func
 def area(b: basis, e: int, n: int):
-    """Return J."""
+    """Return J, the area element [m2]."""
     return wedge(b[e, n, 0], b[e, n, 1], b[e, n, 2], b[e, n, 3])

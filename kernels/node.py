@@ -1,8 +1,9 @@
 """Kernels with one thread for each element node, the launch shape for GPUs.
 
-Each thread computes what is differentiated at its own node, and sums up what the threads of its
-element have along the two lines of nodes through it.  A weak Laplacian needs two nested line sums:
-a first kernel writes the fluxes of every node, the tendency kernel takes their weak divergence.
+Each thread computes the rows to differentiate at its own node, then sums the rows of the element's
+other threads along the two lines of nodes through its node. A weak Laplacian needs two nested line
+sums: a first kernel writes the fluxes of every node, and the tendency kernel computes their weak
+divergence.
 """
 
 from typing import Any
@@ -18,9 +19,9 @@ from swe_sphere.kernels.terms import KernelTypes, done, geometry, local, np_
 
 
 def node_sweep(t: KernelTypes, f: Formula) -> Any:
-    """Return the function (geometry, a, x, at, k, e, n, out, done): the formula at an element node.
+    """Return the function (geometry, a, x, at, k, e, n, out, done) of a formula at an element node.
 
-    It is applied at the offset `at` of x, for the k-th field of `out`; `done` is not used.
+    The function reads the offset `at` of x and stores the k-th field of `out`; `done` is unused.
     """
     derivatives, keep = _derivatives(t.np, f), keep_fields(f.fields)
     winds, wind, result, turns = f.winds, f.wind, f.result, f.turns
@@ -39,7 +40,7 @@ def node_sweep(t: KernelTypes, f: Formula) -> Any:
 
 
 def _derivatives(order: int, f: Formula) -> Any:
-    """Return the function (geometry, a, x, at, e, n): derivatives along each coordinate."""
+    """Return the function (geometry, a, x, at, e, n) for the derivatives along each coordinate."""
     slopes, wind = f.slopes, f.wind
 
     @func
@@ -50,9 +51,9 @@ def _derivatives(order: int, f: Formula) -> Any:
 
 
 def _line_sums(order: int, rows: Any, name: str, at_node: Any, transposed: bool) -> Any:
-    """Return the function (geometry, a, x, at, e, n): line sums along each coordinate.
+    """Return the function (geometry, a, x, at, e, n) for the line sums along each coordinate.
 
-    at_node: the function of these arguments for the two `rows` that are summed up.
+    at_node: the function of the same arguments that returns the two `rows` to sum.
     """
     enter, turns, put, meet, along, across = shared_lines(rows, order, name, transposed)
 
@@ -73,10 +74,10 @@ def _line_sums(order: int, rows: Any, name: str, at_node: Any, transposed: bool)
 
 
 def flux_kernel(t: KernelTypes) -> Any:
-    """Return the kernel (geometry, x): fluxes of the diffused fields at each element node.
+    """Return the kernel (geometry, x) that stores fluxes of diffused fields at element nodes.
 
-    `geometry.fluxes` (E, np*np, 2 or 4) becomes the two contravariant fluxes of the height and,
-    where the wind diffuses, w div V and w curl V.
+    `geometry.fluxes` (E, np*np, 2 or 4) receives the two contravariant fluxes of the height and, if
+    the wind diffuses, w div V and w curl V.
     """
     moves = t.terms.unknowns == 3
     formula = diffusion(t.terms, height=True, wind=moves)
@@ -97,7 +98,7 @@ def flux_kernel(t: KernelTypes) -> Any:
 
 
 def node_diffusion(t: KernelTypes) -> Any:
-    """Return the function (geometry, x, e, n, out, done): weak divergence of `flux_kernel`'s."""
+    """Return the function (geometry, x, e, n, out, done): weak divergence of these fluxes."""
     moves = t.terms.unknowns == 3
     formula = diffusion(t.terms, height=True, wind=moves)
     rows, result, keep = formula.rows, formula.result, keep_fields(formula.fields)

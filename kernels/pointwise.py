@@ -1,6 +1,6 @@
 """Terms that act at a point: their rates at a node, or at as many nodes as a register holds.
 
-What they read, arrays and coefficients, is in a structure that holds it and nothing else.
+A structure holds the arrays and coefficients that they read, and nothing else.
 """
 
 import functools
@@ -21,9 +21,10 @@ from swe_sphere.kernels.simd.stages import triple
 class PointTerm:
     """Formulas of one effect at a node: rates of change of the wind (two) and of the depth (one).
 
-    They are functions of (c, i, u, v, h), or of (c, i, u, v, h, du, dv, dh) for derivatives, with i
-    the number of the node and c the coefficients: c.name of `numbers`, c.name[i] of `fields`.
-    outside: what they read from around them, which is compiled in: other values, other kernels.
+    The formulas are functions of (c, i, u, v, h), or of (c, i, u, v, h, du, dv, dh) for
+    derivatives, with i the number of the node and c the coefficients: c.name of `numbers`,
+    c.name[i] of `fields`. outside: values of the surrounding scope that are compiled in; other
+    values give other kernels.
     """
 
     name: str
@@ -36,11 +37,11 @@ class PointTerm:
 
 @dataclass(frozen=True)
 class Pointwise:
-    """The terms of one node's state alone, compiled into one assembly kernel.
+    """The terms that depend on one node's state alone, compiled into one assembly kernel.
 
-    `rotation`: -f k x V.  `forcing`: a prescribed tendency of every unknown, independent of the
-    state.  `terms`: formulas of effects.  `tangent`: the derivative of all but forcing at the state
-    `base`, applied to a direction; the terms are derivatives then.
+    `rotation`: -f k x V. `forcing`: a prescribed tendency of every unknown, independent of the
+    state. `terms`: formulas of effects. `tangent`: the derivative of all terms except forcing at
+    the state `base`, applied to a direction; the terms are derivatives then.
     """
 
     rotation: bool = False
@@ -50,7 +51,7 @@ class Pointwise:
 
     @property
     def needs_base(self) -> bool:
-        """True if there are derivatives that depend on the state at which they are taken."""
+        """True if some derivative depends on the state at which it is taken."""
         return self.tangent and bool(self.terms)
 
 
@@ -61,18 +62,18 @@ NO_POINTWISE = Pointwise()
 class PointwiseSum:
     """Device functions for the rates at a node, or at as many nodes as a register has lanes.
 
-    Their argument c is an instance of `structure`, which is the same for all lanes.
+    Their argument c is an instance of `structure`, which all lanes share.
     """
 
     structure: Any
-    """Warp structure with just what is read: arrays over nodes (N,), (2N,) or (unknowns*N,)."""
+    """Warp structure of the arrays that are read, over nodes: (N,), (2N,) or (unknowns*N,)."""
     wind: Any
-    """(c, node, size, w, x): two rows of rates of the wind [m s-2], with the wind of w and x."""
+    """Function (c, node, size, w, x): two rows of wind rates [m s-2], with the wind of w and x."""
     depth: Any
-    """(c, node, size, w, x): a row of rates of the depth [m s-1], with the wind of w or a
+    """Function (c, node, size, w, x): a row of depth rates [m s-1], with the wind of w or a
     prescribed one."""
     add: Any
-    """(c, node, size, x, r): the rows r and all rates."""
+    """Function (c, node, size, x, r): the rows r plus all rates."""
 
 
 @functools.cache
@@ -112,7 +113,7 @@ def _structure(unknowns: int, real: Any, point: Pointwise, terms: Any) -> Any:
 
 @functools.cache
 def _coefficients(terms: tuple[PointTerm, ...]) -> Name:
-    """Return a Warp structure: the coefficients of the first term as `mine`, `others`' likewise."""
+    """Return a Warp structure: `mine`, the first term's coefficients, and `others`."""
 
     def structure(of: Any) -> Any:
         if not terms:
@@ -171,7 +172,7 @@ def _rates_of(kind: str, unknowns: int, point: Pointwise, structure: Any) -> Any
 
 
 def _sum_of_terms(kind: str, terms: tuple[PointTerm, ...], tangent: bool) -> Any:
-    """Return the function (c, i, state, direction): rates of all terms, of wind or depth."""
+    """Return the function (c, i, state, direction) for the rates of all terms, of wind or depth."""
     formula, is_wind, more = getattr(terms[0], kind), kind == "wind", bool(terms[1:])
     rates: Any = Name(lambda of: wp.types.vector(2 if is_wind else 1, of.real))
     mine: Any = Name(lambda of: _coefficients(terms).find(of).vars["mine"].type)
@@ -199,7 +200,7 @@ def _sum_of_terms(kind: str, terms: tuple[PointTerm, ...], tangent: bool) -> Any
 
 
 def _typed(formula: Callable[..., Any], coefficients: Name) -> Any:
-    """Return the formula as a device function of numbers."""
+    """Return the formula as a device function with types for its arguments."""
     code = formula.__code__
     typed = types.FunctionType(
         code, formula.__globals__, formula.__name__, None, formula.__closure__

@@ -19,19 +19,19 @@ from swe_sphere.kernels.simd.stages import levels_struct, stage_struct
 class Terms:
     """The terms compiled into one kernel.
 
-    `advection`, `pressure`: the vector-invariant momentum equation and the continuity equation,
-    with the kinetic energy and relative vorticity, and the surface height, respectively.
-    `bottom`: the surface height is depth plus bottom height.
-    `wind`: the wind is prescribed and depth, which it carries, is the only unknown.
-    `diffusion`: weak Laplacian of the state, times the coefficient `nu`.
-    `biharmonic`: weak Laplacian of a given Laplacian (`laplacian` array), times minus `nu4`.
-    `still`: with a prescribed wind, diffusion alone.
-    `poisson`: the skew form, in which the vorticity of the state, with the Bernoulli function in
-    the place of depth, turns the wind of `base`, which carries the depth of `base`.
-    `tangent`: the exact derivative of all of these at the state `base`, applied to a direction.
-    `momentum`: the momentum equation alone, with two fields as its result.
-    `jumps`: the penalty on jumps at edges of elements, which has kernels of its own.
-    `waves`: block elimination (`helmholtz.py`), likewise.
+    * `advection`, `pressure`: the vector-invariant momentum equation and the continuity equation,
+      with kinetic energy and relative vorticity, and with the surface height, respectively.
+    * `bottom`: the surface height is depth plus bottom height.
+    * `wind`: the wind is prescribed; depth, which it carries, is the only unknown.
+    * `diffusion`: weak Laplacian of the state, times the coefficient `nu`.
+    * `biharmonic`: weak Laplacian of a given Laplacian (`laplacian` array), times minus `nu4`.
+    * `still`: with a prescribed wind, diffusion alone.
+    * `poisson`: the skew form. The vorticity of the state turns the wind of `base`, which carries
+      the depth of `base`; the state stores the Bernoulli function in place of depth.
+    * `tangent`: the exact derivative of all of these at the state `base`, applied to a direction.
+    * `momentum`: the momentum equation alone, with two fields as its result.
+    * `jumps`: the penalty on jumps at edges of elements, which has its own kernels.
+    * `waves`: block elimination (`helmholtz.py`), which has its own kernels.
     """
 
     advection: bool = False
@@ -54,12 +54,12 @@ class Terms:
 
     @property
     def dynamics(self) -> bool:
-        """Return whether there is a term other than diffusion."""
+        """True if there is a term other than diffusion."""
         return self.gradient or (self.wind and not self.still)
 
     @property
     def diffuses(self) -> bool:
-        """Return whether a weak Laplacian is computed."""
+        """True if a weak Laplacian is computed."""
         return self.diffusion or self.biharmonic
 
     @property
@@ -69,7 +69,7 @@ class Terms:
 
     @property
     def linear(self) -> bool:
-        """Return whether the terms are linear, with coefficients from the state `base`."""
+        """True if the terms are linear, with coefficients from the state `base`."""
         return self.gradient and (self.tangent or self.poisson)
 
 
@@ -77,7 +77,7 @@ NO_TERMS = Terms()
 
 
 class KernelTypes:
-    """Number type, np, launch shape and terms that kernels on element nodes are compiled for."""
+    """Number type, np, launch shape and terms for which kernels on element nodes are compiled."""
 
     def __init__(
         self, np_: int, real: Any, shape: str, terms: Terms = NO_TERMS,
@@ -86,23 +86,24 @@ class KernelTypes:
     ) -> None:  # fmt: skip
         """Derive the types from the launch shape, the number type and the terms.
 
-        shape: "element" (a thread a group of elements) or "node" (one an element node).
-        point: pointwise terms that kernels over elements add at nodes inside elements; these nodes
-        need no DSS and are finished there.  None where all results are left for DSS.
-        steps: whether the nodes are stepped (`levels_struct`); else a stage leaves their rates.
-        whole: whether products take whole registers, see `Register`.
-        given: number type of the state vectors, where it is another one.
+        * shape: "element" (one thread per group of elements) or "node" (one per element node).
+        * point: pointwise terms that kernels over elements add at nodes inside elements; these
+          nodes need no DSS and are finished there. With None, all results await DSS.
+        * steps: True if the nodes are stepped (`levels_struct`); otherwise a stage stores their
+          rates.
+        * whole: True if products use whole registers, see `Register`.
+        * given: number type of the state vectors, if it differs from `real`.
         """
         self.np, self.real, self.shape, self.terms = np_, real, shape, terms
         self.point, self.steps, self.given = point, steps, given or real
         self.register = Register(real, lanes_of(real) if shape == "element" else 1, whole)
-        """Numbers that one thread handles side by side."""
+        """Register of the numbers that one thread handles side by side."""
         self.value = self.register.value
         """Type of a field at a node."""
         self.share = np_ * np_ if shape == "element" else 1
-        """Nodes of an element that a thread takes in kernels without derivatives."""
+        """Number of nodes of an element per thread in kernels without derivatives."""
         self.geometry = self._geometry()
-        """Warp structure with just the arrays and scalars that kernels of these types read.  Arrays
+        """Warp structure of the arrays and scalars that kernels of these types read.  Arrays
         on element nodes have shape (group, np*np, ...), arrays on unique nodes (unknowns*N,)."""
 
     def _geometry(self) -> Any:
@@ -144,18 +145,18 @@ np_: Any = Name(lambda t: t.np, of_elements=True)
 share: Any = Name(lambda t: t.share, of_elements=True)
 geometry: Any = Name(lambda t: t.geometry, of_elements=True)
 given: Any = Name(lambda t: t.given, of_elements=True)
-"""Members of `KernelTypes`, in kernels."""
+"""Number type of state vectors; like the names above a member of `KernelTypes`, in kernels."""
 state: Any = Name(lambda t: wp.array(dtype=t.given), of_elements=True)
-"""A state vector."""
+"""Array type of a state vector."""
 done: Any = Name(
     lambda t: levels_struct(t.real) if t.steps else wp.array(dtype=t.real), of_elements=True
 )
-"""Type of the argument that takes what is finished without DSS."""
+"""Type of the argument that receives results finished without DSS."""
 along: Any = Name(lambda t: line_sums(t.np)[0].find(t), of_elements=True)
 across: Any = Name(lambda t: line_sums(t.np)[1].find(t), of_elements=True)
-"""(derivative, field (np, np), i, j): derivatives of a field along each coordinate."""
+"""Functions (derivative, field (np, np), i, j): derivatives of a field along each coordinate."""
 local = wp.array3d(dtype=value)
-"""Array of fields on element nodes (groups, np*np, fields)."""
+"""Array type of fields on element nodes (groups, np*np, fields)."""
 
 
 kernel_types = functools.cache(KernelTypes)

@@ -1,9 +1,9 @@
-"""Algebra between the depth and blocks of tracer mass in state vectors, node by node.
+"""Node-by-node algebra between the depth and blocks of tracer mass in state vectors.
 
-A tracer with mixing ratio q has the mass hq a unit area, which the wind carries exactly as it
-carries the depth h, formulas and rounding included, so that q = 1 has the tendency of h.  State
-vectors x hold h from the offset `depth` on, and from the offset `first` on one block (N,) of hq a
-tracer; the kernels run over (tracers, N) threads.
+A tracer with mixing ratio q has the mass hq per unit area, which the wind carries exactly as it
+carries the depth h, formulas and rounding included, so that q = 1 has the tendency of h. State
+vectors x hold h from the offset `depth` on and, from the offset `first` on, one block (N,) of hq
+per tracer; the kernels run over (tracers, N) threads.
 """
 
 import warp as wp
@@ -20,7 +20,7 @@ from swe_sphere.kernels.terms import geometry, np_
 
 @kernel
 def mixing_ratio(x: vector, depth: int, first: int, size: int, q: vector):
-    """q = hq / h."""
+    """Set q = hq / h."""
     k, node = wp.tid()
     at = k * size + node
     q[at] = x[first + at] / x[depth + node]
@@ -28,7 +28,7 @@ def mixing_ratio(x: vector, depth: int, first: int, size: int, q: vector):
 
 @kernel
 def follow(r: vector, x: vector, q: vector, depth: int, first: int, size: int):
-    """x_hq = r_hq + q (x_h - r_h)."""
+    """Set x_hq = r_hq + q (x_h - r_h)."""
     k, node = wp.tid()
     at = k * size + node
     x[first + at] = r[first + at] + q[at] * (x[depth + node] - r[depth + node])
@@ -39,7 +39,7 @@ def correct(
     q: vector, flux: vector, air: vector, factor: real, depth: int, first: int, size: int,
     r: vector, x: vector,
 ):  # fmt: skip
-    """x_hq = r_hq + q (x_h - r_h) + factor (flux - q air), air (N,) being the flux where q = 1."""
+    """Set x_hq = r_hq + q (x_h - r_h) + factor (flux - q air); air (N,) is the flux for q = 1."""
     k, node = wp.tid()
     at = k * size + node
     change = q[at] * (x[depth + node] - r[depth + node])
@@ -48,7 +48,7 @@ def correct(
 
 @kernel
 def raised(x: vector, bottom: vector, depth: int, first: int, size: int, out: vector):
-    """out = hq (1 + b/h)."""
+    """Set out = hq (1 + b/h)."""
     k, node = wp.tid()
     at = k * size + node
     out[at] = x[first + at] * (real(1.0) + bottom[node] / x[depth + node])
@@ -58,7 +58,7 @@ def raised(x: vector, bottom: vector, depth: int, first: int, size: int, out: ve
 def raised_tangent(
     base: vector, bottom: vector, depth: int, first: int, size: int, x: vector, out: vector
 ):
-    """Leave the derivative of `raised` at `base` along x."""
+    """Store the derivative of `raised` at `base` along x."""
     k, node = wp.tid()
     at = k * size + node
     h = base[depth + node]
@@ -71,7 +71,7 @@ def raised_tangent(
 def mass_flux(
     wind: vector, x: vector, depth: int, size: int, first: int, s: stage, out: vector
 ):  # fmt: skip
-    """out[first:] = h (u, v) over N, with the winds in front of `wind` and h in x[depth:]."""
+    """Set out[first:] = h (u, v) at N nodes; the winds start `wind` and h starts at x[depth]."""
     node = wp.tid()
     h = x[depth + node]
     leave_one(s, first + node, 0, single(h * wind[node]), out)
@@ -80,9 +80,9 @@ def mass_flux(
 
 @kernel
 def crossings(geo: geometry, flux: vector, air: vector, out: wp.array(dtype=value)):
-    """Leave the largest sum of speeds across lines of both coordinates; over groups of elements.
+    """Store each element's largest sum of speeds across the lines of both coordinates, over groups.
 
-    The speeds |d xi / dt| [s-1] are those of flux (2N, ...) / air (N,); an element's sides have
+    The speeds |d xi / dt| [s-1] are those of flux (2N, ...) / air (N,); an element has sides of
     length 2 in xi.
     """
     e = wp.tid()

@@ -1,6 +1,6 @@
-"""Linear combinations of state vectors, steps among them, and numbers brought to other places.
+"""Linear combinations of state vectors, time steps among them, and reductions.
 
-All vectors are (n,), a thread for each number.
+All vectors have shape (n,), with one thread per number unless stated otherwise.
 """
 
 from typing import Any
@@ -43,13 +43,14 @@ def add_4(
 
 
 AT_ONCE = 4
-"""Vectors that one kernel adds up."""
+"""Largest number of vectors that one kernel adds."""
 
 
 def combine_kernel(real: Any, count: int) -> wp.Kernel:
     """Return the kernel (x, vector, factor, ..., out): out = x + the sum of 1 to 4 scaled vectors.
 
-    One kernel for each count and no loop over rows: four times faster on a CPU.  `out` may be `x`.
+    There is one kernel for each count: a loop over rows takes four times as long on a CPU. `out`
+    may be `x`.
     """
     return specialise((add_1, add_2, add_3, add_4)[count - 1], real)
 
@@ -58,7 +59,7 @@ def combine_kernel(real: Any, count: int) -> wp.Kernel:
 def combine_rows(
     scale: wp.float64, x: vector, stack: stacked, coefficients: numbers, count: int, out: vector
 ):
-    """out = scale (x + sum_{s < count} c[s] stack[s]) for any number of rows; `out` may be `x`."""
+    """Set out = scale (x + sum_{s < count} c[s] stack[s]) for any count; `out` may be `x`."""
     i = wp.tid()
     r = x[i]
     for s in range(count):
@@ -68,7 +69,7 @@ def combine_rows(
 
 @kernel
 def axpby(a: wp.float64, x: vector, b: wp.float64, y: vector, out: vector):
-    """out = a x + b y; `out` may be one of them."""
+    """Set out = a x + b y; `out` may be x or y."""
     i = wp.tid()
     out[i] = real(a) * x[i] + real(b) * y[i]
 
@@ -78,12 +79,12 @@ def products(
     stack: stacked, weights: numbers, v: vector, spans: wp.array3d(dtype=wp.int32), size: int,
     partial: wp.array2d(dtype=wp.float64),
 ):  # fmt: skip
-    """Add up products of vectors in chunks, to be launched tiled over (rows, chunks).
+    """Add up products of vectors in chunks; launched tiled over (rows, chunks).
 
     partial[s, c] becomes the part of sum_i w_i stack[s, i] v_i of chunk c, the numbers from
-    spans[k, c, 0] to spans[k, c, 1], all k, of each of the n / size fields.  The sums run in
-    float64 and in an order fixed by the launch, without atomics, so that a run repeats bit by bit;
-    the caller adds the chunks up.
+    spans[k, c, 0] to spans[k, c, 1], for all k, of each of the n / size fields. The sums run in
+    float64 in an order fixed by the launch, without atomics, so that a run repeats bit by bit; the
+    caller adds the chunks.
     """
     row, chunk, lane = wp.tid()
     total = wp.float64(0.0)
@@ -94,17 +95,17 @@ def products(
             end = field + spans[kind, chunk, 1]
             for i in range(begin + first, end, wp.block_dim()):
                 total += weights[i] * wp.float64(stack[row, i]) * wp.float64(v[i])
-            # the next lane goes on, so that the sum is the same wherever a chunk is divided
+            # the next lane continues, so that the sum does not depend on where a chunk is divided
             first = (first + wp.block_dim() - (end - begin) % wp.block_dim()) % wp.block_dim()
     wp.tile_store(partial[row], wp.tile_sum(wp.tile(total)), offset=chunk)
 
 
 @kernel
 def least(x: vector, begin: int, end: int, span: int, partial: wp.array2d(dtype=wp.float64)):
-    """Find the least of each block, to be launched as `products`.
+    """Find the minimum of each block; launched as `products`.
 
-    partial[0, b] = the least of x[i] with b span <= i - begin < (b + 1) span and i < end; infinity
-    where there is none, -infinity where one is NaN.
+    partial[0, b] = the minimum of x[i] with b span <= i - begin < (b + 1) span and i < end. It is
+    infinity for an empty block, -infinity if an x[i] is NaN.
     """
     row, block, lane = wp.tid()
     last = wp.min(begin + (block + 1) * span, end)
@@ -117,9 +118,9 @@ def least(x: vector, begin: int, end: int, span: int, partial: wp.array2d(dtype=
 
 @kernel
 def nearness(share: real, x: vector, first: int, then: vector, out: vector):
-    """How far from leaving numbers are: share |now| - |now - then|, now x from `first` on.
+    """Store share |now| - |now - then|, the distance to a bound on change; now starts at x[first].
 
-    It is NaN where a number is.
+    The result is NaN where an input is.
     """
     i = wp.tid()
     now = x[first + i]
@@ -133,9 +134,9 @@ def leapfrog(
 ):  # fmt: skip
     """Take one filtered leapfrog step (Williams 2009, doi:10.1175/2009MWR2724.1, eqs. 7-9).
 
-    The numbers are those from `begin` on.  With x- the filtered past, x the present and k the
-    tendency, x+ = x- + 2 dt k and the displacement d = (nu/2)(x- - 2x + x+), where `displacement`
-    is nu/2; `previous` becomes x + share d and `state` becomes x+ - (1 - share) d.
+    The step applies to the numbers from `begin` on. With x- the filtered past, x the present and k
+    the tendency, x+ = x- + 2 dt k and the displacement d = (nu/2)(x- - 2x + x+), where
+    `displacement` is nu/2; `previous` becomes x + share d and `state` becomes x+ - (1 - share) d.
     """
     i = begin + wp.tid()
     x = load(state, i)

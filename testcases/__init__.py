@@ -1,4 +1,4 @@
-"""The scenes: one short function each, of data and formulas, found where it is defined."""
+"""Scenes: each is a short function of data and formulas, found by its module."""
 
 from swe_sphere.testcases.user_scenes import SCENES, get_scene, list_scenes
 

@@ -1,7 +1,7 @@
 """Formulas that several scenes share: tilted and zonal flow, distances, the conical mountain.
 
-Points are given by longitude and latitude [rad]. Everything is written so that it is finite and
-smooth at the poles and at the longitude where angles wrap around.
+Points are given by longitude and latitude [rad]. All formulas are finite and smooth at the poles
+and at the longitude where angles wrap around.
 """
 
 import tomllib
@@ -18,20 +18,20 @@ from swe_sphere.mesh.sphere import angle, position
 from swe_sphere.planet import EARTH
 
 SCENES = tomllib.loads(Path(__file__).with_name("scenes.toml").read_text("utf-8"))
-"""Title, reference and recommended mesh and length of run of the scenes, by name."""
+"""Title, reference, recommended mesh and recommended run length of each scene, by name."""
 
 
 def build_scene(name: str, exact: UnsteadyState | None = None, **fields: Any) -> Scene:
-    """Return the scene with its fields in scenes.toml, unless they are given here.
+    """Return the scene with its fields in scenes.toml, unless `fields` replaces them.
 
-    Without `initial` it begins as the exact solution.
+    Without `initial` the scene starts from the exact solution.
     """
     initial = {} if exact is None else {"initial": lambda lon, lat: exact(lon, lat, 0.0)}
     return Scene(name, exact=exact, **SCENES[name] | initial | fields)
 
 
 def at_rest(depth: float) -> State:
-    """No wind, and the same depth [m] everywhere."""
+    """Return a state without wind and with the same depth [m] everywhere."""
     return lambda lon, lat: (0.0 * lon, 0.0 * lat, depth + 0.0 * lat)
 
 
@@ -42,17 +42,17 @@ def tilted_latitude(lon: Array, lat: Array, alpha: float) -> Array:
 
 
 def solid_body(lon: Array, lat: Array, alpha: float) -> tuple[Array, Array]:
-    """Eastward and northward component of c × n, c = (-sin α, 0, cos α), n the position.
+    """Return the eastward and northward components of c × n, c = (-sin α, 0, cos α), n the point.
 
-    This is the solid-body wind of unit angular speed on the unit sphere (the wind of
-    Williamson et al. 1992, cases 1 and 2); its length is the cosine of the tilted latitude.
+    This is the solid-body wind of unit angular speed on the unit sphere (the wind of Williamson et
+    al. 1992, cases 1 and 2); its length is the cosine of the tilted latitude.
     """
     east = np.cos(lat) * np.cos(alpha) + np.sin(lat) * np.cos(lon) * np.sin(alpha)
     return east, -np.sin(lon) * np.sin(alpha) + 0.0 * lat
 
 
 def turned(point: Array, alpha: float, turn: float) -> Array:
-    """Points (..., 3) turned by an angle [rad] about (-sin α, 0, cos α): Rodrigues' formula."""
+    """Points (..., 3) rotated by an angle [rad] about (-sin α, 0, cos α): Rodrigues' formula."""
     axis = np.array([-np.sin(alpha), 0.0, np.cos(alpha)])
     along = (point @ axis)[..., np.newaxis] * axis
     along = along * (1.0 - np.cos(turn))
@@ -61,7 +61,7 @@ def turned(point: Array, alpha: float, turn: float) -> Array:
 
 
 def wrapped(angle: Array) -> Array:
-    """The angle brought into [-π, π)."""
+    """Return an angle shifted by multiples of 2π into [-π, π)."""
     return np.mod(angle + np.pi, 2.0 * np.pi) - np.pi
 
 
@@ -71,7 +71,7 @@ def distance(lon: Array, lat: Array, lon0: float, lat0: float) -> Array:
 
 
 def cone(lon: Array, lat: Array) -> Array:
-    """The mountain of Williamson et al. (1992), case 5: a cone of 2000 m at (3π/2, π/6) [m].
+    """Height [m] of the mountain of Williamson et al. (1992), case 5: a 2000 m cone at (3π/2, π/6).
 
     Its radius of π/9 is measured in the longitude-latitude plane, not along great circles.
     """
@@ -96,7 +96,7 @@ def zonal_balance(
     points, weights = np.polynomial.legendre.leggauss(8)
 
     def integral(start: Array, end: Array) -> Array:
-        """Integral of a u (f + u tan θ / a) [m2 s-2], one Gauss-Legendre panel each."""
+        """Return the integral of a u (f + u tan θ / a) [m2 s-2] over each Gauss-Legendre panel."""
         half = 0.5 * (end - start)
         lat = 0.5 * (start + end)[..., None] + half[..., None] * points
         u, coriolis = wind(lat), 2.0 * EARTH.rotation * np.sin(lat)
@@ -142,5 +142,5 @@ class ZonalJet:
 
     @cached_property
     def drop(self) -> Callable[[Array], Array]:
-        """Fall of g h from the south pole to a latitude, in balance with the wind."""
+        """Decrease of g h from the south pole to a latitude, in balance with the wind [m2 s-2]."""
         return zonal_balance(self, self.south, self.north)

@@ -1,12 +1,12 @@
-"""Spherical harmonics, flows made of them, and how their turbulence decays.
+"""Spherical harmonics, flows built from them, and the decay of their turbulence.
 
 A field of degree up to L has complex coefficients c (L+1, L+1), degree n by order m ≥ 0:
 
     field(λ, θ) = Re Σ c[n, m] P_nm(sin θ) exp(i m λ),
 
 where the mean of P_nm² over the sphere is one. Derivatives are finite at the poles: for m ≥ 1 the
-recurrence runs on P_nm / cos θ, which is a polynomial times cos^(m-1) θ.  Flows are smooth, the
-same on every mesh, and the same on every machine for the same seed.
+recurrence runs on P_nm / cos θ, which is a polynomial times cos^(m-1) θ. Flows are smooth, the same
+on every mesh, and the same on every machine for the same seed.
 """
 
 from collections.abc import Callable, Iterator
@@ -25,14 +25,14 @@ from swe_sphere.testcases.flows import build_scene
 
 Complex = NDArray[np.complex128]
 CHUNK = 4096
-"""Points that are treated together: so much memory a degree."""
+"""Number of points evaluated together, which bounds the memory per degree."""
 
 
 def synthesis(coefficients: Complex, lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-    """Fields, ∂/∂λ / cos θ and ∂/∂θ [rad-1] of them, at points [rad] of any shape.
+    """Return fields and their derivatives ∂/∂λ / cos θ and ∂/∂θ [rad-1] at points [rad].
 
-    coefficients: of one field (L+1, L+1), or of several (k, L+1, L+1), which is cheaper than one by
-    one; then each result has the leading dimension k.
+    coefficients: of one field (L+1, L+1), or of several (k, L+1, L+1), which takes less time than
+    one by one; then each result has the leading dimension k. Points may have any shape.
     """
     shape = np.broadcast_shapes(np.shape(lon), np.shape(lat))
     flat = [np.broadcast_to(x, shape).ravel() for x in (lon, lat)]
@@ -46,10 +46,10 @@ def synthesis(coefficients: Complex, lon: Array, lat: Array) -> tuple[Array, Arr
 
 
 def _summed(coefficients: Complex, lon: Array, lat: Array) -> Array:
-    """Values and derivatives (3, k, points)."""
+    """Return values and both derivatives (3, k, points)."""
     cos, sine, total = np.cos(lat), np.sin(lat), np.zeros((3, len(coefficients), len(lat)))
     used: NDArray[np.bool_] = np.asarray(coefficients.any(axis=(0, 1)))
-    used[1:2] |= used[:1]  # slopes of P_n0 are made of P_n1: see below
+    used[1:2] |= used[:1]  # P_n1 is needed for slopes of P_n0, below
     for m, q in enumerate(_orders(coefficients.shape[1] - 1, lat, used)):
         if not used[m]:
             continue
@@ -59,7 +59,7 @@ def _summed(coefficients: Complex, lon: Array, lat: Array) -> Array:
         back = np.sqrt((n**2 - m**2) * (2.0 * n + 1.0) / np.abs(2.0 * n - 1.0))
         lower[:, :-1] = (back * c)[:, 1:]
         left = np.stack([c, n * c, lower])
-        products = np.concatenate([left.real, left.imag]) @ q  # without a complex copy of q
+        products = np.concatenate([left.real, left.imag]) @ q  # avoids a complex copy of q
         value, sloped, shifted = products[:3] + 1j * products[3:]
         wave = np.exp(1j * m * lon)
         value, north = value * wave, (shifted - sine * sloped) * wave
@@ -74,7 +74,10 @@ def _summed(coefficients: Complex, lon: Array, lat: Array) -> Array:
 
 
 def _orders(degree: int, lat: Array, wanted: NDArray[np.bool_] | None = None) -> Iterator[Array]:
-    """P_n0, then P_nm / cos θ for m = 1, 2, …: each (degree + 1 - m, points), empty if unwanted."""
+    """Yield P_n0, then P_nm / cos θ for m = 1, 2, …, each (degree + 1 - m, points).
+
+    Arrays of orders that are not `wanted` are empty.
+    """
     sine, cos, start = np.sin(lat), np.cos(lat), np.full_like(lat, np.sqrt(1.5))
     tops = np.full(degree + 1, degree) if wanted is None else np.where(wanted, degree, -1)
     yield _column(tops[0], 0, sine, np.ones_like(lat))
@@ -84,7 +87,7 @@ def _orders(degree: int, lat: Array, wanted: NDArray[np.bool_] | None = None) ->
 
 
 def _column(degree: int, m: int, sine: Array, start: Array) -> Array:
-    """P_nm for n = m … degree (rows) from the first; any factor of the first carries through."""
+    """Return P_nm for n = m … degree (rows) from the first row; its factors carry through."""
     column = np.empty((max(degree + 1 - m, 0), len(sine)))
     column[:1] = start
     for n in range(m + 1, degree + 1):
@@ -98,9 +101,9 @@ def _column(degree: int, m: int, sine: Array, start: Array) -> Array:
 
 
 def legendre(degree: int, lat: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """For m = 0, 1, …: P_nm, P_nm / cos θ (zero for m = 0) and dP_nm/dθ at latitudes [rad].
+    """Yield P_nm, P_nm / cos θ (zero for m = 0) and dP_nm/dθ at latitudes [rad] for m = 0, 1, ….
 
-    Each (degree + 1 - m, points), for n = m … degree.
+    Each array has the shape (degree + 1 - m, points), for n = m … degree.
     """
     sine, cos = np.sin(lat), np.cos(lat)
     orders = _orders(degree, lat)
@@ -123,7 +126,7 @@ class GaussGrid:
     """Points on which products of fields up to a total degree are integrated exactly.
 
     Args:
-        degree: the highest degree of coefficients asked for; fields may have the same degree.
+        degree: the highest degree of the coefficients; fields may have the same degree.
     """
 
     degree: int
@@ -138,16 +141,16 @@ class GaussGrid:
         return around, up
 
     def coefficients(self, field: Array) -> Complex:
-        """The coefficients of a field on the grid."""
+        """Return the coefficients of a field on the grid."""
         still = np.zeros_like(field)
         return self._projected(field, still, still)
 
     def against_gradients(self, east: Array, north: Array) -> Complex:
-        """Coefficients c[n, m] of -∇·F on the unit sphere for a vector field F on the grid."""
+        """Return coefficients c[n, m] of -∇·F on the unit sphere for a vector field F."""
         return self._projected(np.zeros_like(east), east, north)
 
     def _projected(self, field: Array, east: Array, north: Array) -> Complex:
-        """Means over the sphere of field Y* + F·∇Y*, doubled for m > 0."""
+        """Return means over the sphere of field Y* + F·∇Y*, doubled for m > 0."""
         sine, weights = np.polynomial.legendre.leggauss(self.degree + 1)
         lat, found = np.arcsin(sine), np.zeros((self.degree + 1,) * 2, dtype=np.complex128)
         waves = [np.fft.fft(f, axis=1, norm="forward") for f in (field, east, north)]
@@ -160,16 +163,16 @@ class GaussGrid:
 
 @dataclass(frozen=True)
 class BalancedFlow:
-    """The wind k×∇ψ and a depth that keeps it free of divergence at first.
+    """The wind k×∇ψ, with a depth for which the divergence has no initial tendency.
 
-    Balance: g ∇²h = ∇·((ζ + f) ∇ψ) - ∇²|v|²/2, so that the divergence does not grow at once
-    (Charney 1955; the balance equation). Linear: g ∇²h = ∇·(f ∇ψ).
+    Balance: g ∇²h = ∇·((ζ + f) ∇ψ) - ∇²|v|²/2 (the balance equation, Charney 1955). Linear balance:
+    g ∇²h = ∇·(f ∇ψ).
 
     Args:
         streamfunction: coefficients of ψ [m2 s-1].
-        planet: its radius, gravity and rotation.
+        planet: supplies radius, gravity and rotation.
         depth: mean depth [m].
-        linear: without the nonlinear terms.
+        linear: drops the nonlinear terms.
     """
 
     streamfunction: Complex
@@ -178,7 +181,7 @@ class BalancedFlow:
     linear: bool = False
 
     def state(self, lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        """Eastward wind, northward wind [m s-1] and depth [m]."""
+        """Return eastward wind, northward wind [m s-1] and depth [m]."""
         height = self.height
         streamfunction = np.zeros_like(height)
         streamfunction[: len(self.streamfunction), : len(self.streamfunction)] = self.streamfunction
@@ -186,13 +189,13 @@ class BalancedFlow:
         return -north[1] / self.planet.radius, east[1] / self.planet.radius, value[0]
 
     def wind(self, lon: Array, lat: Array) -> tuple[Array, Array]:
-        """Eastward and northward wind [m s-1]."""
+        """Return eastward and northward wind [m s-1]."""
         _, east, north = synthesis(self.streamfunction, lon, lat)
         return -north / self.planet.radius, east / self.planet.radius
 
     @cached_property
     def height(self) -> Complex:
-        """Coefficients of the depth [m], of so high a degree that they are exact."""
+        """Coefficients of the depth [m], up to the degree at which they are exact."""
         degree = len(self.streamfunction) - 1
         grid = GaussGrid(degree + 1 if self.linear else 2 * degree + 1)
         lon, lat = grid.points
@@ -215,14 +218,14 @@ class BalancedFlow:
 def random_streamfunction(
     spectrum: Callable[[Array], Array], degree: int, speed: float, radius: float, seed: int
 ) -> Complex:
-    """Coefficients of ψ [m2 s-1] with a given spectrum of kinetic energy and random phases.
+    """Return coefficients of ψ [m2 s-1] with a given spectrum of kinetic energy and random phases.
 
     Args:
         spectrum: energy of each degree, up to a factor.
         degree: the highest degree; the lowest is 2, so that there is no angular momentum.
         speed: root mean square of the wind [m s-1].
-        radius: of the planet [m].
-        seed: another one gives another flow.
+        radius: radius of the planet [m].
+        seed: seed of the random phases.
     """
     draw = np.random.Generator(np.random.PCG64(seed)).standard_normal
     found = np.zeros((degree + 1, degree + 1), dtype=np.complex128)
@@ -237,19 +240,19 @@ def random_streamfunction(
 
 
 def mean_kinetic_energy(streamfunction: Complex, radius: float) -> Array:
-    """Mean of |v|²/2 over the sphere [m2 s-2], degree by degree."""
+    """Return the mean of |v|²/2 over the sphere [m2 s-2] for each degree."""
     n = np.arange(len(streamfunction))
     return 0.5 * n * (n + 1) / radius**2 * mean_squares(streamfunction)
 
 
 def mean_squares(coefficients: Complex) -> Array:
-    """Mean of the square of a field over the sphere, degree by degree."""
-    weights = np.where(np.arange(len(coefficients)) == 0, 1.0, 0.5)  # of waves half the amplitude's
+    """Return the mean square of a field over the sphere for each degree."""
+    weights = np.where(np.arange(len(coefficients)) == 0, 1.0, 0.5)  # half for waves
     return np.asarray(np.abs(coefficients) ** 2 @ weights)
 
 
 def inverse_laplacian(coefficients: Complex) -> Complex:
-    """∇⁻² on the unit sphere; zero for the mean."""
+    """Return ∇⁻² on the unit sphere; zero for the mean."""
     n = np.arange(len(coefficients))[:, None]
     return coefficients / np.where(n > 0, -n * (n + 1.0), np.inf)
 
@@ -260,19 +263,19 @@ def turbulence(
     """Decaying turbulence from a random balanced flow.
 
     The wind has no divergence and random phases; its kinetic energy at degree n of the spherical
-    harmonics goes as
+    harmonics is proportional to
 
         E(n) ~ n^(γ/2) / (n + n0)^γ,  γ = 100,  2 ≤ n ≤ 3 n0
 
-    with its peak at n0. The depth, 10 km in the mean, keeps the divergence from growing at once
-    (nonlinear balance). Without rotation vortices merge; with it jets form. Grid-scale enstrophy
-    is taken out by the hyperviscosity that goes with the mesh.
+    with its peak at n0. The depth, 10 km in the mean, gives the divergence no initial tendency
+    (nonlinear balance). Without rotation vortices merge; with rotation jets form. The mesh's own
+    hyperviscosity removes grid-scale enstrophy.
 
     Args:
         rotating: with the Coriolis force of the Earth.
-        speed: root mean square of the wind at the start [m s-1].
+        speed: root mean square of the initial wind [m s-1].
         wavenumber: n0, the degree of the energy's peak; 2 to 40.
-        seed: of the random phases; the same flow on every mesh.
+        seed: seed of the random phases; a seed gives the same flow on every mesh.
 
     Raises ConfigError for a parameter out of range, and for a wind that 10 km cannot balance.
     """

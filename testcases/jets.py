@@ -1,7 +1,7 @@
 """Jets: unstable, relaxed, or exact and unsteady about a tilted axis.
 
-The latter are at rest among the stars and seen from the turning planet, as is the solid-body flow
-of Läuter et al. (2005).
+The exact unsteady jets are steady in an inertial frame and seen from the rotating planet, as is the
+solid-body flow of Läuter et al. (2005).
 """
 
 from dataclasses import replace
@@ -28,15 +28,15 @@ def galewsky(
 
         g h = g h00 - ∫ a u (f + u tan θ / a) dθ  (+ g 120 m cos θ exp(-(3λ)²) exp(-(15(π/4-θ))²))
 
-    The bump raises the mean depth from 10 km by 1/3 m. The paper also runs the case with
-    `--set viscosity.nu=1e5`; without it vorticity does not converge after day 4.
+    The bump raises the mean depth from 10 km by 1/3 m. The paper also runs the case with `--set
+    viscosity.nu=1e5`; without viscosity the vorticity does not converge after day 4.
 
     Args:
-        perturbed: with the bump. Without it the flow is steady (exact), so that all that grows is
-            the imprint of the grid.
-        speed: of the jet [m s-1], 80 in the paper; the mean depth falls with it from 10158 m.
-        seed: of random winds in linear balance, with the same energy at each degree of the
-            spherical harmonics from 2 to 20: members of an ensemble; 0: none.
+        perturbed: with the bump. Without it the flow is steady (exact), so that all growth comes
+            from the imprint of the grid.
+        speed: speed of the jet [m s-1], 80 in the paper; the mean depth falls with it from 10158 m.
+        seed: seed of random winds in linear balance, with the same energy at each degree of the
+            spherical harmonics from 2 to 20, for the members of an ensemble; 0 for no such winds.
         noise: root mean square of the random winds [m s-1].
     """
     if seed < 0:
@@ -66,27 +66,27 @@ def galewsky(
 
 
 def bump(lon: Array, lat: Array) -> Array:
-    """The perturbation of depth [m] (eq. 4)."""
+    """Return the perturbation of depth [m] (eq. 4)."""
     across = np.exp(-((3.0 * wrapped(lon)) ** 2))
     h: Array = 120.0 * np.cos(lat) * across * np.exp(-((15.0 * (np.pi / 4.0 - lat)) ** 2))
     return h
 
 
 def relaxed_jet(time: float = 10.0, perturbed: bool = True) -> Scene:
-    """Barotropically unstable jet whose depth is pulled back to that of the jet.
+    """Barotropically unstable jet whose depth is relaxed to that of the steady jet.
 
     The jet of Galewsky et al. (2004) and its bump, with
 
         ∂h/∂t = … - (h - h_eq) / τ,  h_eq in balance with the jet.
 
-    After a week the jet has rolled up into vortices, while the relaxation builds its slope of depth
-    again: at day 20 four waves run along it. The area mean of the depth knows nothing of all that:
-    it falls from 1/3 m above that of h_eq as exp(-t / τ), which is exact.
-    Grid-scale enstrophy is taken out by the hyperviscosity that goes with the mesh.
+    After a week the jet has rolled up into vortices, while the relaxation rebuilds its slope of
+    depth: at day 20 four waves run along it. The area mean of the depth does not depend on these
+    waves: it falls from 1/3 m above that of h_eq as exp(-t / τ), which is exact. The mesh's own
+    hyperviscosity removes grid-scale enstrophy.
 
     Args:
         time: τ [days].
-        perturbed: with the bump. Without it the jet is steady (exact, but for hyperviscosity).
+        perturbed: with the bump. Without it the jet is steady (exact except for hyperviscosity).
 
     Raises ConfigError for a time that is not positive.
     """
@@ -112,10 +112,10 @@ BOTTOM = 10.0
 def lauter(alpha: float = np.pi / 4.0) -> Scene:
     """Unsteady nonlinear flow over orography (exact).
 
-    Smooth, fast and exact: the case to rank time integrators by.
+    The flow is smooth, fast and exact, so it is the case to rank time integrators by.
 
-    Solid-body flow about an axis tilted by α that is at rest among the stars, seen from the
-    turning planet. With S the sine of the latitude above its equator, at longitude λ + Ω t,
+    Solid-body flow about an axis tilted by α that is fixed in an inertial frame, seen from the
+    rotating planet. With S the sine of the latitude above its equator, at longitude λ + Ω t,
 
         g (h + b) = k1 + (Ω a sin θ)²/2 - (u0 S + Ω a sin θ)²/2,  g b = (Ω a sin θ)²/2 + k2
 
@@ -140,38 +140,38 @@ def lauter(alpha: float = np.pi / 4.0) -> Scene:
 
 
 def bottom(lon: Array, lat: Array) -> Array:
-    """Return the height [m] of a bottom that makes up for the flattening of the planet."""
+    """Return the height [m] of a bottom that compensates for the flattening of the planet."""
     return (0.5 * (EQUATOR * np.sin(lat)) ** 2 + BOTTOM) / EARTH.gravity + 0.0 * lon
 
 
 def tilted_jet(alpha: float = 0.08, speed: float = 40.0, gaussian: bool = False) -> Scene:
     """Unsteady jet about a tilted axis, over orography (exact).
 
-    Among the stars the wind is U = (Ω a + F(S)) cos θ' about an axis tilted by α against the
-    planet's, with S = sin θ' the sine of the latitude above the equator of the flow. The bottom
-    g b = (Ω a sin θ)²/2 makes up for the flattening of the planet, so that the flow is steady there
-    and g h = const - ∫ (Ω a + F)² S dS. Seen from the planet it turns once a day.
+    In an inertial frame the wind is U = (Ω a + F(S)) cos θ' about an axis tilted by α against the
+    planet's, with S = sin θ' the sine of the latitude above the equator of the flow. The bottom g b
+    = (Ω a sin θ)²/2 compensates for the flattening of the planet, so that the flow is steady there
+    and g h = const - ∫ (Ω a + F)² S dS. Seen from the planet it rotates once a day.
 
     Args:
-        alpha: Tilt of the axis of the flow [rad]; the flow is steady for 0.
-        speed: Largest wind of the jet [m s-1].
-        gaussian: Whether F is a Gaussian about 45°N; otherwise it is proportional to S².
+        alpha: tilt of the axis of the flow [rad]; the flow is steady for 0.
+        speed: largest wind of the jet [m s-1].
+        gaussian: F is a Gaussian about 45°N; otherwise it is proportional to S².
 
-    Raises ConfigError where the depth is not positive everywhere.
+    Raises ConfigError if the depth is not positive everywhere.
     """
 
     def jet(s: Array) -> Array:
-        """Ω a + F [m s-1] at the sine of a latitude."""
+        """Return Ω a + F [m s-1] at the sine of a latitude."""
         shape = 1.5 * np.sqrt(3.0) * s**2
         if gaussian:
             shape = np.exp(-(((s - np.sin(np.pi / 4.0)) / 0.2) ** 2)) / np.cos(np.pi / 4.0)
         flow: Array = EQUATOR + speed * shape
         return flow
 
-    points, weights = np.polynomial.legendre.leggauss(64)  # right to round-off
+    points, weights = np.polynomial.legendre.leggauss(64)  # exact to round-off
 
     def depth(s: Array) -> Array:
-        """Depth [m] at the sine of a latitude."""
+        """Return the depth [m] at the sine of a latitude."""
         sines = 0.5 * np.asarray(s)[..., None] * (1.0 + points)
         fall: Array = 0.5 * s * ((jet(sines) ** 2 * sines) @ weights)
         return (160000.0 - fall) / EARTH.gravity

@@ -1,4 +1,4 @@
-"""Scenes without wind or without rotation: a lake, heaps of water, a dam that breaks, modons."""
+"""Scenes without wind or without rotation: lake at rest, splash, dam break, modons."""
 
 import numpy as np
 
@@ -18,12 +18,12 @@ STILL = Planet(EARTH.radius, EARTH.gravity, 0.0)
 def lake_at_rest(cone: bool = True, rotating: bool = True) -> Scene:
     """Water at rest over a mountain (exact): nothing may move.
 
-    The surface is at 5960 m. Whatever moves shows that the gradients of bottom and depth do not
-    cancel as they must.
+    The surface is at 5960 m. Any motion shows that the discrete gradients of bottom and depth do
+    not cancel.
 
     Args:
-        cone: over the cone of williamson5; else over the smooth 2000 m exp(-|n - n0|²/w²) with
-            w = π/18 at the same place.
+        cone: over the cone of williamson5; otherwise over the smooth 2000 m exp(-|n - n0|²/w²) with
+            w = π/18 at the same point.
         rotating: with the Coriolis force.
     """
     bottom = conical_mountain if cone else _smooth_bottom
@@ -54,16 +54,16 @@ def splash(rotating: bool = False) -> Scene:
 
         h = 2000 m + 500 m (1 + cos(3 π γ)) for γ < 1/3,
 
-    γ the angular distance from (3π/2, 0). The crest comes together at the antipode after 1.44 days,
-    before the 1.65 that a small wave would take. How high it stands then depends on the mesh.
+    γ the angular distance from (3π/2, 0). The crest converges at the antipode after 1.44 days,
+    before the 1.65 days of a small wave. Its height then depends on the mesh.
 
     Args:
-        rotating: the very same flow, seen from a frame that turns backwards by (40 m/s) / a: with
-            u = 40 m/s cos θ, f = -2 (40 m/s / a) sin θ and, which many codes leave out, the
-            bottom g b = (40 m/s sin θ)²/2 that stands for the centrifugal force. Depths are those
-            of the still frame, turned eastward.
+        rotating: the same flow, seen from a frame that rotates backwards by (40 m/s) / a: with
+            u = 40 m/s cos θ, f = -2 (40 m/s / a) sin θ and, often left out, the bottom
+            g b = (40 m/s sin θ)²/2 that represents the centrifugal force. Depths are those of the
+            inertial frame, turned eastward.
     """
-    wind = 40.0  # at the equator, of air at rest among the stars, seen from the turning frame
+    wind = 40.0  # at the equator, of air at rest in an inertial frame, seen from the rotating one
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
         within = np.minimum(3.0 * distance(lon, lat, *CENTRE), 1.0)
@@ -84,7 +84,7 @@ def splash(rotating: bool = False) -> Scene:
 
 
 def gravity_bumps() -> Scene:
-    """Three bumps of different width that radiate gravity waves on the turning planet.
+    """Three bumps of different width that radiate gravity waves on the rotating planet.
 
     From rest, h = 10 km + Σ 1000 m exp(-w d²), d the angular distance: w = 10 at (0.2π, π/3), 80 at
     (1.2π, π/5) and 360 at (1.6π, -π/4).
@@ -106,11 +106,11 @@ def dam_break(width: float = 0.05) -> Scene:
 
         h = 1500 m - 500 m tanh((γ - π/9) / width),
 
-    γ the angular distance from (3π/2, 0). No limiter: the bore that steepens leaves waves at the
-    grid scale behind it. A test of robustness, not of accuracy.
+    γ the angular distance from (3π/2, 0). There is no limiter: the steepening bore leaves
+    grid-scale waves behind. The scene tests robustness, not accuracy.
 
     Args:
-        width: of the smoothed dam [rad]; it should not be less than half an element.
+        width: width of the smoothed dam [rad]; it should be at least half an element.
 
     Raises ConfigError for a width that is not positive.
     """
@@ -132,10 +132,10 @@ def modons() -> Scene:
         u = 50 m/s (exp(-(r1/r0)²) - exp(-(r2/r0)²)),  r0 = 750 km
 
     with r1, r2 the distances to (π/2, 0) and (3π/2, 0). Gravity waves leave first; the modons that
-    form collide near λ = π and λ = 0 and are back near the start after about 100 days. The flow
-    stays symmetric about the equator, and about the meridians λ = 0 and π.
+    form collide near λ = π and λ = 0 and return close to their origin after about 100 days. The
+    flow stays symmetric about the equator, and about the meridians λ = 0 and π.
 
-    Hyperviscosity that goes with the mesh takes out the enstrophy at the grid scale.
+    The mesh's own hyperviscosity removes grid-scale enstrophy.
     """
 
     def burst(lon: Array, lat: Array, centre: float) -> Array:

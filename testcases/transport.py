@@ -1,4 +1,4 @@
-"""Transport by prescribed winds that stir: moving vortices and deformational flow."""
+"""Transport by prescribed stirring winds: moving vortices and deformational flow."""
 
 from typing import Literal
 
@@ -11,7 +11,7 @@ from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases.flows import build_scene, distance, solid_body, turned
 
 PERIOD = 12.0 * DAY
-"""Time of one turn of the background, and of the deformation and its undoing [s]."""
+"""Period of the background rotation, and of the deformation and its reversal [s]."""
 TURN = 2.0 * np.pi / PERIOD
 """Angular speed of the background [s-1]."""
 AIR = 1000.0
@@ -21,14 +21,14 @@ AIR = 1000.0
 def moving_vortices(alpha: float = 0.25 * np.pi) -> Scene:
     """Two vortices that roll up a front while they go once around the planet (exact).
 
-    Nair & Jablonowski (2008): beside the solid-body flow about the axis tilted by α, the air turns
-    about the moving vortex centre p with the angular speed ω(ρ) = (3√3/2) u₀/a sech²ρ tanh ρ / ρ,
-    where ρ is 3 times the distance from the axis through p; carried along, as depth, is
+    Nair & Jablonowski (2008): in addition to the solid-body flow about the axis tilted by α, the
+    air rotates about the moving vortex centre p with the angular speed ω(ρ) = (3√3/2) u₀/a sech²ρ
+    tanh ρ / ρ, where ρ is 3 times the distance from the axis through p. The wind carries, as depth,
 
         h = 1000 m (1 - tanh(ρ/5 sin(λ' - ω t))), λ' the longitude about p.
 
-    The answer is that of the fixed vortices in the frame that moves along. (A longitude about p
-    that is measured from the local north instead is wrong unless α is 0 or π/2.)
+    The solution is that of fixed vortices in the moving frame. (Measuring the longitude about p
+    from the local north instead is wrong unless α is 0 or π/2.)
 
     Args:
         alpha: tilt of the axis [rad]; with π/4 the vortices pass over the corners of the cube.
@@ -57,15 +57,16 @@ def moving_vortices(alpha: float = 0.25 * np.pi) -> Scene:
 def deformational(case: Literal[1, 2, 3, 4] = 4) -> Scene:
     """Tracers torn to filaments and brought back (exact after 12 days).
 
-    Nair & Lauritzen (2010), cases 1 to 4: the wind deforms the tracers until day 6 and then undoes
-    it. In cases 1 and 2 it only does so, in case 4 a solid-body flow goes beside it, which keeps
-    errors from undoing themselves; in case 3 the wind diverges, and the depth of the air, at first
-    1000 m, varies. Two tracers each of Gaussian hills, cosine bells and slotted cylinders (from
-    smooth to discontinuous), and -0.8 q² + 0.9 of the bells, to tell how numerical mixing breaks
-    the relation between the two (Lauritzen, Skamarock, Prather & Taylor 2012).
+    Nair & Lauritzen (2010), cases 1 to 4: the wind deforms the tracers until day 6 and then
+    reverses. Cases 1 and 2 have only this deformation; case 4 adds a solid-body flow, so that
+    errors do not cancel in the reversal; in case 3 the wind diverges, and the depth of the air,
+    initially 1000 m, varies. There are two tracers each of Gaussian hills, cosine bells and slotted
+    cylinders (from smooth to discontinuous), and -0.8 q² + 0.9 of the bells, which shows how
+    numerical mixing breaks the relation between the two (Lauritzen, Skamarock, Prather & Taylor
+    2012).
 
     Args:
-        case: which of the winds.
+        case: number of the case, which selects the wind.
     """
     wind, centres = _CASES[case]
     tracers = _tracers(centres)
@@ -90,7 +91,7 @@ def deformational(case: Literal[1, 2, 3, 4] = 4) -> Scene:
 
 
 def _vortex_speed(sine: Array) -> Array:
-    """Angular speed [s-1] about the vortex centre; sine of the latitude as seen from there."""
+    """Return the angular speed [s-1] about the vortex centre, at a sine of latitude from there."""
     rho = 3.0 * np.sqrt(np.maximum(1.0 - sine**2, 0.0))
     safe = np.where(rho > 1e-8, rho, 1.0)
     shape = np.where(rho > 1e-8, np.tanh(safe) / safe, 1.0) / np.cosh(rho) ** 2
@@ -99,7 +100,7 @@ def _vortex_speed(sine: Array) -> Array:
 
 
 def _rolled_front(point: Array, centre: Array, t: float) -> Array:
-    """The tracer at points (..., 3) after the time t [s] about a vortex centre that rests."""
+    """Return the tracer at points (..., 3) after the time t [s] about a fixed vortex centre."""
     lon, lat = np.arctan2(centre[1], centre[0]), np.arcsin(centre[2])
     east, north = frame(lon, lat)
     sine = point @ centre
@@ -110,7 +111,7 @@ def _rolled_front(point: Array, centre: Array, t: float) -> Array:
 
 
 def _cells(strength: float, north: float, k: float, power: int) -> Wind:
-    """Return a deformation, which turns round at half time: with the speed s = 5 a cos(π t/T) / T,
+    """Return a deformation that reverses at half time: with the speed s = 5 a cos(π t/T) / T,
 
     u = strength s sin² kλ sin 2θ cos^power θ,  v = north strength s sin 2kλ cos^(power + 1) θ.
     """
@@ -141,7 +142,7 @@ _CASES: dict[int, tuple[Wind, Centres]] = {
 
 
 def _tracers(centres: Centres) -> dict[str, Scalar]:
-    """The mixing ratios of Lauritzen et al. (2012), section 3, about two centres."""
+    """Return the mixing ratios of Lauritzen et al. (2012), section 3, about two centres."""
 
     def gaussian_hills(lon: Array, lat: Array) -> Array:
         offsets = [position(lon, lat) - position(*centre) for centre in centres]
@@ -157,7 +158,7 @@ def _tracers(centres: Centres) -> dict[str, Scalar]:
         return -0.8 * cosine_bells(lon, lat) ** 2 + 0.9
 
     def slotted_cylinders(lon: Array, lat: Array) -> Array:
-        """Radius 1/2, with a slot 1/6 wide: open to the north in one, else to the south."""
+        """Cylinders of radius 1/2 with a slot 1/6 wide, open to the north or to the south."""
         inside = np.zeros(np.shape(lon), dtype=bool)
         for centre, side in zip(centres, (-1.0, 1.0), strict=True):
             beside = np.abs(lon - centre[0]) >= 1.0 / 12.0
@@ -170,5 +171,5 @@ def _tracers(centres: Centres) -> dict[str, Scalar]:
 
 
 def _unless_away(t: float) -> float:
-    """Zero after whole periods, when everything is where it started; NaN in between."""
+    """Return zero after whole periods, when all air is back at its origin, and NaN in between."""
     return 0.0 if abs(t / PERIOD - round(t / PERIOD)) < 1e-9 else np.nan

@@ -1,23 +1,24 @@
 """Scenes by name, and in files of the user.
 
-Files are Python files that define `scene(**parameters) -> Scene`, and TOML files, each of which is
-another scene with some things changed:
+Scene files are Python files that define `scene(**parameters) -> Scene`, and TOML files, each of
+which changes another scene:
 
 base = "williamson5"                    # a scene, or a .py or .toml file beside this one
 name = "my-mountain"                    # by default the name of the file
 title = "slow flow over a mountain"
-ne = 8                                  # and np, days: what is recommended
+ne = 8                                  # and np, days: recommended values
 days = 5
 
-[parameters]                            # of the base; --set scene.… goes first
+[parameters]                            # of the base; --set scene.… overrides them
 alpha = 0.5
 
 [effects]
 viscosity = { nu = 1e5 }                # on, or its parameters changed
 rotation = false                        # off; then the exact solution no longer holds
 
-The keyword parameters of a factory, which makes scenes, are the parameters of its scene. Their
-annotations say what they may be: what `swe_sphere.settings.values.convert` takes.
+The keyword parameters of a factory (a function that returns a scene) are the parameters of its
+scene. Their annotations state the permitted values, as `swe_sphere.settings.values.convert` reads
+them.
 """
 
 import importlib
@@ -39,7 +40,7 @@ from swe_sphere.settings.registry import first_line
 from swe_sphere.settings.values import complaint, convert, read_toml
 
 DEPTH = 8
-"""So many files may build on each other; more are taken for a circle."""
+"""Largest number of files that may build on each other; a longer chain counts as a circle."""
 
 Value = bool | Annotated[int, Field(ge=-(2**63), lt=2**63)] | float | str
 
@@ -63,9 +64,9 @@ def is_scene_file(name: str) -> bool:
 
 
 def scene_files(name: str) -> list[Path]:
-    """The file of a scene that can be loaded, then its base's, and so on; none for a scene by name.
+    """Return the file of a scene that can be loaded, then its base's, and so on.
 
-    Raises OSError where one of them is gone meanwhile.
+    Scenes by name have no files. Raises OSError if one of the files no longer exists.
     """
     path = Path(name)
     if not is_scene_file(name):
@@ -77,12 +78,12 @@ def scene_files(name: str) -> list[Path]:
 
 
 def get_scene(name: str, **parameters: Parameter) -> Scene:
-    """The scene of that name, or of the file of that path, with the parameters given.
+    """Return the scene with that name, or of the file at that path, with the given parameters.
 
     Args:
         name: a key of `SCENES`, the path of a .py file that defines `scene(**parameters)`, or
             that of a .toml file (see `swe_sphere.testcases.user_scenes`).
-        parameters: numbers, switches and words, or text that can be read as such.
+        parameters: numbers, booleans and words, or text that can be read as such.
 
     Raises ConfigError for an unknown name or parameter, an unreadable value, a file that fails.
     """
@@ -105,9 +106,9 @@ def list_scenes() -> dict[str, str]:
 
 
 def _load(path: Path, parameters: Mapping[str, Parameter], depth: int = 0) -> Scene:
-    """Return the scene of a file, with these parameters before those of the file.
+    """Return the scene of a file; `parameters` override those of the file.
 
-    Raises ConfigError where the file is missing, fails, is no TOML, or does not fit the scene.
+    Raises ConfigError if the file is missing, fails, is not TOML, or does not fit the scene.
     """
     if is_user_file(path):
         factory = getattr(load_file(path, "scene"), "scene", None)
@@ -139,7 +140,7 @@ def _load(path: Path, parameters: Mapping[str, Parameter], depth: int = 0) -> Sc
 
 
 def _complaint(error: ValidationError) -> str:
-    """The first of the complaints, in a line."""
+    """Return the first of the validation errors as one line."""
     first = error.errors(include_url=False)[0]
     key, given = ".".join(str(part) for part in first["loc"][:2]), shown(first["input"])
     if first["type"] == "extra_forbidden":
@@ -155,9 +156,9 @@ SceneFactory = Callable[..., Scene]
 
 
 def checked(name: str, factory: SceneFactory, given: Mapping[str, Parameter]) -> dict[str, Any]:
-    """Return the parameters in the types that the factory's annotations ask for.
+    """Return the parameters converted to the types in the factory's annotations.
 
-    Raises ConfigError for a parameter that it does not have, and a value that cannot be read.
+    Raises ConfigError for an unknown parameter and for a value that cannot be read.
     """
     known = inspect.signature(factory, eval_str=True).parameters
     if any(p.kind is inspect.Parameter.VAR_KEYWORD for p in known.values()):
@@ -171,9 +172,9 @@ def checked(name: str, factory: SceneFactory, given: Mapping[str, Parameter]) ->
 
 
 def made(name: str, factory: SceneFactory, given: Mapping[str, Parameter]) -> Scene:
-    """Return the scene that the factory makes, with all its parameters, those at defaults too.
+    """Return the scene that the factory builds, with all its parameters, defaults included.
 
-    Raises ConfigError as `checked`, and where the factory returns something else than a scene.
+    Raises ConfigError as `checked`, and if the factory returns anything but a scene.
     """
     values = checked(name, factory, given)
     scene = factory(**values)
@@ -190,7 +191,7 @@ def made(name: str, factory: SceneFactory, given: Mapping[str, Parameter]) -> Sc
 
 
 def _factories() -> Iterator[tuple[str, SceneFactory]]:
-    """Yield by name the public functions of all modules that make a scene without arguments."""
+    """Yield by name the public functions of all modules that build a scene without arguments."""
     for found in pkgutil.iter_modules([str(Path(__file__).parent)], f"{__package__}."):
         module = importlib.import_module(found.name)
         for name, function in inspect.getmembers(module, inspect.isfunction):
@@ -203,4 +204,4 @@ def _factories() -> Iterator[tuple[str, SceneFactory]]:
 
 
 SCENES = dict(sorted(_factories(), key=lambda of: (not of[0].startswith("williamson"), of[0])))
-"""Factories by name, the standard set first; their keyword parameters are those of the scene."""
+"""Factories by name, the standard set first; their keyword parameters are the scene's."""

@@ -1,13 +1,13 @@
 """Waves on an ocean that covers the globe: tides, planetary waves, normal and equatorial modes.
 
-A layer of even depth on the turning sphere, linearised about rest:
+A layer of even depth on the rotating sphere, linearised about rest:
 
     ∂v/∂t + f k×v = -g ∇(η - η_eq),  ∂η/∂t + H ∇·v = 0
 
-For one zonal wavenumber m and one frequency, v = ∇χ + k×∇ψ and η are sums of spherical harmonics;
-σ times their coefficients is a matrix times them. Its eigenvectors are Hough's functions; with an
-equilibrium tide η_eq it is a linear system. Source: Longuet-Higgins (1968), Phil. Trans. R. Soc. A
-262, 511-607, doi:10.1098/rsta.1968.0003, in other variables.
+For one zonal wavenumber m and one frequency, v = ∇χ + k×∇ψ and η are sums of spherical harmonics; σ
+times their coefficients is a matrix times the coefficients. The eigenvectors of the matrix are
+Hough functions; an equilibrium tide η_eq leads to a linear system. Source: Longuet-Higgins (1968),
+Phil. Trans. R. Soc. A 262, 511-607, doi:10.1098/rsta.1968.0003, in other variables.
 """
 
 from dataclasses import dataclass, replace
@@ -48,17 +48,18 @@ def tide(
 
         η_eq = A cos² θ cos(2 λ + ω t)  (m2, s2),  η_eq = A sin 2θ cos(λ + ω t)  (k1, o1)
 
-    The start is the response that keeps pace with it, a series of spherical harmonics that is
-    solved to round-off. The m2 tide in 4 km is inverted: low water under the Moon, 0.46 m at the
-    equator where the equilibrium tide has 0.24 m above. The k1 tide, whose period is a turn of the
-    Earth, has currents and no elevation, as Laplace found; here it has 3e-5 of the equilibrium's,
-    as ω is given to 7 digits and Ω of these scenes to 4.
+    The initial state is the periodic response, a series of spherical harmonics that is solved to
+    round-off. The m2 tide in 4 km is inverted: low water under the Moon, 0.46 m at the equator
+    where the equilibrium tide is 0.24 m high. The k1 tide, whose period is one rotation of the
+    Earth, has currents and no elevation, as Laplace found; here its elevation is 3e-5 of the
+    equilibrium's, because ω has 7 digits and Ω of these scenes 4.
 
     Args:
         constituent: m2, s2 (two highs a day), k1 or o1 (one).
-        depth: of the water at rest [m], 1000 to 1e6, so that the series is right to round-off.
-        linear: equations linearised about rest; else the full ones, which differ by about
-            elevation over depth.
+        depth: depth of the water at rest [m], 1000 to 1e6, for which the series is exact to
+            round-off.
+        linear: equations linearised about rest; otherwise the full equations, which differ by
+            about elevation over depth.
 
     Raises ConfigError for a depth out of range.
     """
@@ -104,7 +105,7 @@ class HoughWave:
     planet: Planet
 
     def state(self, lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        """Eastward wind, northward wind [m s-1] and depth [m]."""
+        """Return eastward wind, northward wind [m s-1] and depth [m]."""
         now = self.coefficients * np.exp(-1j * self.frequency * t)
         value, east, north = synthesis(now, lon, lat)
         u, v = east[1] - north[0], north[1] + east[0]
@@ -119,10 +120,10 @@ class TidalEquations:
     depth: float
     planet: Planet
     degrees: int = 32
-    """Number of harmonics of each field; the last are below round-off for depths of kilometres."""
+    """Number of harmonics of each field; the last is below round-off for depths of kilometres."""
 
     def forced(self, frequency: float, equilibrium: Array) -> HoughWave:
-        """The flow that follows an equilibrium tide of that frequency [s-1].
+        """Return the flow that follows an equilibrium tide of that frequency [s-1].
 
         equilibrium: coefficients [m] of degrees m, m + 1, ….
         """
@@ -133,9 +134,9 @@ class TidalEquations:
         return self._wave(frequency, np.asarray(solution, dtype=np.float64))
 
     def free(self, n: int) -> HoughWave:
-        """The planetary wave (Rossby's) whose wind is mostly rotation of degree n, unscaled.
+        """Return the planetary (Rossby) wave whose wind is mostly rotation of degree n, unscaled.
 
-        Its frequency is near to -2 Ω m / (n (n + 1)).
+        Its frequency is close to -2 Ω m / (n (n + 1)).
         """
         values, vectors = np.linalg.eig(self._matrix)
         parts = vectors.real.reshape(3, self.degrees, -1)
@@ -144,10 +145,10 @@ class TidalEquations:
         return self._wave(float(values[wave].real), vectors.real[:, wave])
 
     def mode(self, place: int) -> HoughWave:
-        """Return the free wave at a place of all, sorted by frequency, unscaled.
+        """Return the free wave at index `place` of all waves, sorted by frequency, unscaled.
 
-        The first third of them are gravity waves that go west, the second third planetary waves,
-        and the last third the Kelvin wave and gravity waves that go east.
+        The first third of the waves are westward gravity waves, the second third planetary waves,
+        and the last third the Kelvin wave and eastward gravity waves.
         """
         scale = np.repeat(np.sqrt(self._squares.T), 2, axis=0).ravel()
         thin = self.planet.radius * np.sqrt(self.planet.gravity / self.depth)
@@ -168,7 +169,7 @@ class TidalEquations:
         n = self.m + np.arange(self.degrees)
         total, spin = self._squares[:, 0], 2.0 * self.planet.rotation
         east = np.diag(-spin * self.m / total)
-        # ∇·(f ∇Y_n) is made of the degrees above and below
+        # ∇·(f ∇Y_n) contains the degrees above and below
         share = np.sqrt((n**2 - self.m**2) / (4.0 * n**2 - 1.0))
         up = np.diag((-n * (n + 2.0))[:-1] * share[1:], -1)
         down = np.diag((-(n - 1.0) * (n + 1.0) * share)[1:], 1)
@@ -188,17 +189,17 @@ def slow_ocean(m: int = 4, n: int = 10, speed: float = 0.1, linear: bool = False
     """Planetary wave in a deep ocean, at a Froude number of 5e-4.
 
     A Rossby wave of Laplace's tidal equations over 4 km of water: m waves around the globe, most of
-    the currents in the spherical harmonics of degree n. Gravity waves are two thousand times
-    faster than the currents and thirty times faster than the wave: explicit steps are bound by
-    what does not happen.
+    the currents in the spherical harmonics of degree n. Gravity waves are two thousand times faster
+    than the currents and thirty times faster than the wave: waves that are absent limit explicit
+    steps.
 
-    It is exact for the equations linearised about rest. In the full ones the wave also carries
-    itself: four days at 0.1 m/s change the currents by 3e-4 of them (l2).
+    It is exact for the equations linearised about rest. In the full equations the wave also carries
+    itself: four days at 0.1 m/s change the currents by a relative 3e-4 (l2).
 
     Args:
-        m: waves around the globe, at least 1.
+        m: number of waves around the globe, at least 1.
         n: degree, from m to m + 12.
-        speed: of the strongest current [m s-1].
+        speed: speed of the strongest current [m s-1].
         linear: equations linearised about rest, for which the wave is exact.
 
     Raises ConfigError for a wave that does not exist, and for a speed that is not positive.
@@ -245,12 +246,12 @@ def hough(
 
     Args:
         wave: "kelvin", "rossby", or gravity wave "eastward" or "westward".
-        k: Zonal wavenumber, at least 1.
-        n: Meridional mode, from 1; 1 is the fastest Rossby wave, or the slowest gravity wave.
+        k: zonal wavenumber, at least 1.
+        n: meridional mode, from 1; 1 is the fastest Rossby wave, or the slowest gravity wave.
             There is one Kelvin wave.
-        depth: Mean depth [m].
-        amplitude: Root mean square of the wind [m s-1].
-        linear: Whether the equations are linearised about rest, so that the mode is exact.
+        depth: mean depth [m].
+        amplitude: root mean square of the wind [m s-1].
+        linear: equations linearised about rest, for which the mode is exact.
 
     Raises ConfigError for a mode that does not exist, and for a depth that is not positive.
     """
@@ -274,7 +275,7 @@ def hough(
 
 
 def hough_wave(wave: Wave, k: int, n: int, depth: float, amplitude: float) -> HoughWave:
-    """Return a normal mode; arguments as for `hough`."""
+    """Return a normal mode; the arguments are those of `hough`."""
     place = {
         "westward": FUNCTIONS - n,
         "rossby": FUNCTIONS + n - 1,
@@ -309,21 +310,21 @@ def matsuno(
 ) -> Scene:
     """Equatorial Rossby or inertia-gravity wave (analytic, nearly exact).
 
-    Matsuno's waves on the equatorial β-plane, put on the sphere with y = ε^(1/4) θ and
-    ε = (2 Ω a)² / (g H) = 2935: normalised Hermite functions of y times exp(i (k λ - ω t)), where
+    Matsuno's waves on the equatorial β-plane, mapped to the sphere with y = ε^(1/4) θ and ε = (2 Ω
+    a)² / (g H) = 2935: normalised Hermite functions of y times exp(i (k λ - ω t)), where
 
         ω³ - (g H (k/a)² + 2 Ω (2n + 1) √(g H) / a) ω - 2 Ω g H k / a² = 0
 
     They solve the equations on the sphere up to terms of relative size ε^(-1/2) = 0.02, so the
-    error against them does not vanish with the mesh. What must agree is speed and shape.
+    error against them does not vanish with the mesh. Speed and shape must agree.
 
     Args:
         wave: "rossby", or eastward or westward inertia-gravity wave, "eig" or "wig".
         k: zonal wavenumber, at least 1.
         n: mode, at least 1: nodes of v between the poles.
         amplitude: factor of the normalised northward wind [m s-1].
-        linear: equations linearised about rest; else the full ones, for which the amplitude must
-            be tiny. Depth and wave together need float64 then.
+        linear: equations linearised about rest; otherwise the full equations, for which the
+            amplitude must be tiny. Depth and wave together need float64 then.
 
     Raises ConfigError for a mode that does not exist.
     """
@@ -353,7 +354,7 @@ class EquatorialMode:
 
     @cached_property
     def frequency(self) -> float:
-        """ω [s-1]: the largest root goes east, the smallest west, the one between is Rossby's."""
+        """Frequency ω [s-1]: the eastward, westward or middle (Rossby) root."""
         a, speed, spin = PLANET.radius, np.sqrt(PLANET.gravity * DEPTH), 2.0 * PLANET.rotation
         p = (speed * self.k / a) ** 2 + spin * (2 * self.n + 1) * speed / a
         q = spin * speed**2 * self.k / a**2
@@ -362,7 +363,7 @@ class EquatorialMode:
         return float(2.0 * np.sqrt(p / 3.0) * np.cos(angle - 2.0 * np.pi * shift / 3.0))
 
     def state(self, lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        """Eastward wind, northward wind [m s-1] and depth [m]."""
+        """Return eastward wind, northward wind [m s-1] and depth [m]."""
         a, speed, n = PLANET.radius, np.sqrt(PLANET.gravity * DEPTH), self.n
         stretch = (2.0 * PLANET.rotation * a / speed) ** 0.5  # ε^(1/4)
         below, v, above = (self.amplitude * f for f in _hermite(n, stretch * lat))
@@ -378,7 +379,7 @@ class EquatorialMode:
 
 
 def _hermite(n: int, y: Array) -> tuple[Array, Array, Array]:
-    """Normalised Hermite functions of orders n - 1, n and n + 1, n ≥ 1."""
+    """Return the normalised Hermite functions of orders n - 1, n and n + 1, n ≥ 1."""
     functions = [0.0 * y, np.pi**-0.25 * np.exp(-0.5 * y**2)]
     for m in range(n + 1):
         up = y * functions[-1] - np.sqrt(m / 2.0) * functions[-2]

@@ -1,6 +1,6 @@
 """The test set of Williamson, Drake, Hack, Jakob & Swarztrauber (1992), J. Comput. Phys. 102.
 
-doi:10.1016/S0021-9991(05)80016-6.  Case 7 has a file of its own; the cross-polar flow of McDonald &
+doi:10.1016/S0021-9991(05)80016-6. Case 7 has a separate file; the cross-polar flow of McDonald &
 Bates (1989) is added.
 """
 
@@ -21,7 +21,7 @@ from swe_sphere.testcases.flows import (
 )
 
 TURN = 12.0 * DAY
-"""Time in which the solid-body flow goes once around the planet [s]."""
+"""Period of one revolution of the solid-body flow around the planet [s]."""
 SPEED = 2.0 * np.pi * EARTH.radius / TURN
 """Speed of the solid-body flow at its equator [m s-1]."""
 JET = ZonalJet(SPEED, -np.pi / 6.0, np.pi / 2.0, sharpness=(2.0 * np.pi / 3.0) ** 2 / 0.3)
@@ -109,7 +109,7 @@ def williamson3(alpha: float = 0.0) -> Scene:
 
 
 def _steady(case: int, exact: UnsteadyState, alpha: float) -> Scene:
-    """A steady flow about an axis of rotation that is tilted by alpha [rad]."""
+    """Return a steady flow about an axis of rotation that is tilted by alpha [rad]."""
     return build_scene(
         f"williamson{case}",
         effects=(*DYNAMICS, Rotation()),
@@ -125,10 +125,10 @@ def williamson5(speed: float = 20.0) -> Scene:
 
         h + b = 5960 m - (a Ω u0 + u0²/2) sin² θ / g
 
-    Errors of height are those of the free surface. The impulsive start radiates gravity waves
-    that carry about 7e-4 (relative l2) of the height, which time steps longer than they can follow
-    lose. The recommended mesh is the one on which rk4 comes soonest to an error of 1e-4 at day 15;
-    ne8 np8 comes to 4e-5.
+    Errors of height are those of the free surface. The impulsive initial state radiates gravity
+    waves that carry about 7e-4 (relative l2) of the height, and that time steps longer than their
+    period lose. The recommended mesh is the one on which rk4 first reaches an error of 1e-4 at day
+    15; ne8 np8 reaches 4e-5.
 
     Args:
         speed: u0 [m s-1], 20 in the paper; gravity waves move at 240 m/s.
@@ -152,14 +152,14 @@ def williamson5(speed: float = 20.0) -> Scene:
 def williamson6(perturbation: float = 0.0, omega: float = 7.848e-6, depth: float = 8000.0) -> Scene:
     """Rossby-Haurwitz wave of zonal wavenumber 4.
 
-    Case 6. The wave turns eastward by about 12 degrees a day (exactly so only without divergence)
+    Case 6. The wave moves eastward by about 12 degrees a day (exactly so only without divergence)
     and keeps its shape until truncation errors or the physical instability break it.
 
     Args:
         perturbation: size δ [m] of a documented disturbance of the depth, for a breakdown that
-            does not hang on round-off and mesh: h + δ/3 Σ cos^m θ cos(m λ + m), m = 1, 2, 3; a
+            does not depend on round-off and mesh: h + δ/3 Σ cos^m θ cos(m λ + m), m = 1, 2, 3; a
             metre breaks the wave at about day 21 (the instability is that of Thuburn & Li 2000).
-        omega: strength ω = K of the flow [s-1]; the largest wind goes with it.
+        omega: strength ω = K of the flow [s-1]; the largest wind is proportional to it.
         depth: h0 [m], the depth at the poles. The wave becomes nondivergent as it grows, and its
             speed approaches (28 ω - 2 Ω) / 30, which is 12.195 degrees a day.
     """
@@ -175,7 +175,7 @@ def williamson6(perturbation: float = 0.0, omega: float = 7.848e-6, depth: float
 
 
 def _rossby_haurwitz(lon: Array, lat: Array, k: float, depth: float) -> tuple[Array, Array, Array]:
-    """Wind [m s-1] and depth [m] of the wave of case 6, R = 4, ω = K = k [s-1], h0 = depth."""
+    """Return wind [m s-1] and depth [m] of the wave of case 6, R = 4, ω = K = k [s-1]."""
     r, a, omega = 4, EARTH.radius, EARTH.rotation
     c, s = np.cos(lat), np.sin(lat)
     u = a * k * (c + c ** (r - 1) * (r * s**2 - c**2) * np.cos(r * lon))
@@ -192,7 +192,7 @@ def _rossby_haurwitz(lon: Array, lat: Array, k: float, depth: float) -> tuple[Ar
 
 
 def _solid_body_wind(alpha: float) -> Wind:
-    """Solid-body rotation once in 12 days about the axis tilted by alpha [rad]."""
+    """Return solid-body rotation once in 12 days about the axis tilted by alpha [rad]."""
 
     def wind(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
         east, north = solid_body(lon, lat, alpha)
@@ -202,13 +202,13 @@ def _solid_body_wind(alpha: float) -> Wind:
 
 
 def _cosine_bell(point: Array, centre: Array) -> Array:
-    """Depth [m] at unit vectors (..., 3)."""
+    """Return the depth [m] at unit vectors (..., 3)."""
     within = np.minimum(3.0 * angle(point, centre), 1.0)
     return 500.0 * (1.0 + np.cos(np.pi * within))
 
 
 def _gaussian_bell(point: Array, centre: Array) -> Array:
-    """Depth [m] at unit vectors (..., 3)."""
+    """Return the depth [m] at unit vectors (..., 3)."""
     depth: Array = 1000.0 * np.exp(-5.0 * np.sum((point - centre) ** 2, axis=-1))
     return depth
 
@@ -242,13 +242,13 @@ def williamson4(u0: float = 20.0) -> Scene:
         return jet(lat) + -once * c_lat / a, -once * side / a, depth / EARTH.gravity
 
     def forcing(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        """Return what is left of the equations when the exact flow is put in.
+        """Return the residual of the equations for the exact flow.
 
-        It is zero, and not computed, where there is nothing of the low. With its derivatives
-        written out, nothing is divided by the cosine of the latitude.
+        It is zero, and not computed, far from the low. With its derivatives written out, there is
+        no division by the cosine of the latitude.
         """
         lon = lon - u0 * t / a
-        there = _low(lon, lat)[0] > 0.4  # further off ψ is 1e-30 of what it is at the centre
+        there = _low(lon, lat)[0] > 0.4  # further off ψ is below 1e-30 of its central value
         found = np.zeros((3, *np.shape(there)))
         found[:, there] = rates(lon[there], lat[there])
         return found[0], found[1], found[2]
@@ -261,7 +261,7 @@ def williamson4(u0: float = 20.0) -> Scene:
         v_lon = (twice * cos * side**2 - once * around) / a
         u_lat = (once * c - twice * c_lat**2) / a**2
         v_lat = -twice * side * c_lat / a**2
-        # (∂v/∂λ / cos θ + u tan θ) / a, with what is infinite at the poles cancelled
+        # (∂v/∂λ / cos θ + u tan θ) / a, with the terms infinite at the poles cancelled
         bend = (twice * side**2 - once * c) / a**2
         sin13, mean, spin = np.sin(2.0 * lat) ** 13, jet(lat), 2.0 * EARTH.rotation * cos
         mean_tan = 2.0 * u0 * sin13 * sin**2  # ū tan θ: zero at the poles
@@ -301,7 +301,7 @@ def mcdonald_bates() -> Scene:
         g h = g h0 + 2 Ω a v0 sin³ θ cos θ sin λ,  g h0 = 5.768e4 m² s⁻²
         u = -v0 sin λ sin θ (4 cos² θ - 1),  v = v0 cos λ sin² θ
 
-    There is no exact solution. The flow stays the same under λ → λ + π, θ → -θ with v → -v
+    There is no exact solution. The flow keeps the symmetry λ → λ + π, θ → -θ with v → -v
     (reflection at the planet's centre), which the cubed sphere shares.
     """
 

@@ -1,19 +1,19 @@
 """Case 7 of Williamson et al. (1992): from an analysed state of the atmosphere at 500 hPa.
 
-The three analyses of the paper (21 December 1978, 9 and 16 January 1979) are not public any more.
-The scene reads any analysis; without one it starts from a synthetic state and says so.
+The three analyses of the paper (21 December 1978, 9 and 16 January 1979) are no longer public. The
+scene reads any analysis; without a file it starts from a synthetic state and marks it as such.
 
 The netCDF file of an analysis has
 
 * one-dimensional variables `lat` or `latitude` and `lon` or `longitude` [degrees]: latitudes in
-  order, up to the poles but for a grid spacing; longitudes equally spaced eastward, an even number
+  order, up to the poles within a grid spacing; longitudes equally spaced eastward, an even number
   of them, once around without repeating the first;
 * eastward wind `u`, northward wind `v`, with units of m s-1, and `z`, geopotential height with
-  units of m or geopotential with units of m2 s-2, by the names of ERA5 or those of NCEP (`uwnd`,
-  `vwnd`, `hgt`) or CMIP (`ua`, `va`, `zg`);
+  units of m or geopotential with units of m2 s-2, under the names of ERA5, of NCEP (`uwnd`, `vwnd`,
+  `hgt`) or of CMIP (`ua`, `va`, `zg`).
 
-each of the three on (lat, lon), nothing missing.  Of a dimension of pressures the level of 500 hPa
-is taken; other dimensions must have length 1.
+These three variables have the dimensions (lat, lon) and no missing values. The scene reads the
+level of 500 hPa of a pressure dimension; other dimensions must have length 1.
 """
 
 import tomllib
@@ -39,9 +39,9 @@ from swe_sphere.testcases.harmonics import (
 
 PAPER = "Williamson et al. (1992), J. Comput. Phys. 102, 211-224, doi:10.1016/S0021-9991(05)80016-6"
 DEPTH = 1e4
-"""Mean depth [m], put in the place of that of the analysis as in the paper."""
+"""Mean depth [m] that replaces the analysis's, as in the paper."""
 DEGREE = 42
-"""Highest degree of the synthetic state, that of the paper's analyses."""
+"""Highest degree of the synthetic state, as in the paper's analyses."""
 KNOWN = tomllib.loads(Path(__file__).with_name("analyses.toml").read_text("utf-8"))
 """Names of variables and of their units, and factors that take pressures to Pa."""
 
@@ -54,20 +54,19 @@ def williamson7(
     Case 7, five days from an analysis. The mean of the height is replaced by 10 km.
 
     Without a file the state is synthetic: jets of 20 m/s in both hemispheres, u ~ cos³ θ sin² θ,
-    and random eddies of 12 m/s (root mean square) whose kinetic energy at degree n of the
-    spherical harmonics goes as x / (1 + x⁴), x = n / 6, 2 ≤ n ≤ 42; the height is in linear
-    balance, g ∇²h = ∇·(f ∇ψ). It is no state that ever was.
+    and random eddies of 12 m/s (root mean square) whose kinetic energy at degree n of the spherical
+    harmonics is proportional to x / (1 + x⁴), x = n / 6, 2 ≤ n ≤ 42; the height is in linear
+    balance, g ∇²h = ∇·(f ∇ψ). It is not an observed state.
 
     Args:
         file: netCDF file with u, v [m s-1] and z [m, or m2 s-2] on a latitude-longitude grid; see
-            `swe_sphere.testcases.williamson7` for what it must hold.
-        degree: leave out of the file's fields what is above this degree of the spherical
-            harmonics; 0: nothing.
+            `swe_sphere.testcases.williamson7` for its contents.
+        degree: highest degree of the spherical harmonics kept in the file's fields; 0 keeps all.
         balanced: the file's wind without its divergent part, up to degree (42), and the height of
-            the nonlinear balance equation in the place of the file's.
-        seed: of the random phases of the synthetic state.
+            the nonlinear balance equation instead of the file's.
+        seed: seed of the random phases of the synthetic state.
 
-    Raises ConfigError for a file that does not hold what it must.
+    Raises ConfigError for a file without the required contents.
     """
     if file is None:
         if seed < 0:
@@ -89,7 +88,7 @@ def williamson7(
 
 
 def _streamfunction(seed: int) -> Complex:
-    """Jets and random eddies, as coefficients [m2 s-1]."""
+    """Return the coefficients [m2 s-1] of jets and random eddies."""
 
     def spectrum(n: Array) -> Array:
         ratio = n / 6.0
@@ -105,7 +104,7 @@ def _streamfunction(seed: int) -> Complex:
 
 
 def _analysed(file: Path, degree: int, balanced: bool) -> State:
-    """The state of a file, by bicubic splines, with a mean depth of 10 km."""
+    """Return the state of a file, by bicubic splines, with a mean depth of 10 km."""
     if not 0 <= degree <= 1000:
         raise ConfigError(f"williamson7: degree must be from 0 to 1000, but is {degree}")
     lat, lon, *fields = _read_analysis(file)
@@ -136,10 +135,10 @@ def _analysed(file: Path, degree: int, balanced: bool) -> State:
 
 
 def _filtered(state: State, latitudes: int, degree: int, balanced: bool) -> State:
-    """The state without spherical harmonics above the degree; mean height as it is.
+    """Return the state without spherical harmonics above the degree; the mean height is kept.
 
-    balanced: without the divergent wind, and with the height that keeps it from growing at once
-    (`BalancedFlow`), so that next to no gravity waves are left.
+    balanced: drops the divergent wind and replaces the height by one that gives the divergence no
+    initial tendency (`BalancedFlow`), so that almost no gravity waves remain.
     """
     grid = GaussGrid(max(degree, latitudes))
     u, v, z = state(*grid.points)
@@ -165,7 +164,7 @@ def _filtered(state: State, latitudes: int, degree: int, balanced: bool) -> Stat
 def _read_analysis(path: Path) -> list[Array]:
     """Return latitudes from south to north and longitudes [rad], and u, v [m s-1] and z [m] there.
 
-    Raises ConfigError where the file is missing, damaged, no netCDF, or not as described above.
+    Raises ConfigError if the file is missing, damaged, not netCDF, or not as described above.
     """
     import netCDF4
 
@@ -246,7 +245,7 @@ def _field(dataset: Any, ours: str, dims: list[str]) -> Array:
 
 
 def _level(dataset: Any, axis: str) -> int | slice:
-    """Return the index of 500 hPa on an axis of pressures, all of any other."""
+    """Return the index of 500 hPa on an axis of pressures, and all of any other axis."""
     variable = dataset.variables.get(axis)
     factor = KNOWN["pressure"].get(getattr(variable, "units", ""))
     if factor is None or variable.shape == (1,):

@@ -25,9 +25,9 @@ def _product(register: Register) -> Any:
 
 
 mul: Any = Name(_product)
-"""(p, q): the product."""
+"""Function (p, q) that returns the product."""
 div: Any = Name(lambda of: wp.cw_div if of.lanes > 1 else wp.div)
-"""(p, q): the quotient."""
+"""Function (p, q) that returns the quotient."""
 
 
 @Register.func_native("""
@@ -38,14 +38,14 @@ div: Any = Name(lambda of: wp.cw_div if of.lanes > 1 else wp.div)
     return as_value(r);
 """)
 def clip(x: value, low: value, high: value) -> value:
-    """Return x, or the bound that x is beyond.  The functions of Warp are calls in C++."""
+    """Return x limited to [low, high]; Warp's own functions would be calls in C++."""
 
 
 @functools.cache
 def line_sums(np_: int, kind: Any = value, transposed: bool = False) -> tuple[Any, Any]:
-    """Return derivatives of an element's rows along each coordinate, or the transposes of both.
+    """Return the derivatives of an element's rows along each coordinate, or both transposes.
 
-    They are device functions (derivative, field (np, np), i, j), for fields of this kind.
+    Both are device functions (derivative, field (np, np), i, j) for fields of the type `kind`.
     """
 
     def line_sum(factor: str, node: str) -> Any:
@@ -66,7 +66,7 @@ def line_sums(np_: int, kind: Any = value, transposed: bool = False) -> tuple[An
 def rows_product(rows: int, columns: int) -> Any:
     """Return the device function (m, first, x, y): y[k] = sum over n of m[first + k, n] x[n].
 
-    It computes `rows` sums, four at a time, which do not wait for each other.
+    The function computes `rows` sums, four at a time, which do not wait for each other.
     """
 
     @Register.func_native(source("rows_product", rows=rows, columns=columns))
@@ -79,9 +79,10 @@ def rows_product(rows: int, columns: int) -> Any:
 
 @functools.cache
 def functions_sum(functions: int, points: int) -> Any:
-    """Return the device function (values, n, c): sum of coarse functions, times c, at point n.
+    """Return the device function (values, n, c) for the sum of coarse functions times c at point n.
 
-    The patterns of a corner are added up first: an edge has the same sums in both its elements.
+    The patterns of a corner are added first, so that an edge has the same sums in both its
+    elements.
     """
     smooth = functions - 12
 
@@ -92,11 +93,11 @@ def functions_sum(functions: int, points: int) -> Any:
 
 
 def entries_sum(factor: str) -> Any:
-    """Return the device function (at, places, values, x, g): M x in group g of a sparse matrix.
+    """Return the device function (at, places, values, x, g) for M x in group g of a sparse matrix.
 
-    The matrix is a `SlicedMatrix` or `TallMatrix`.  factor: what entry k is a coefficient of, a C++
-    register or number at `from`, which is x at the entry's place.  The entries of a row are added
-    one after the other: the rows beside it, which differ from rank to rank, only add zeros.
+    The matrix is a `SlicedMatrix` or `TallMatrix`. factor: C++ for the register or number that
+    entry k multiplies, read at `from`, the position of that entry in x. The entries of a row are
+    added one after the other: the rows beside it, which differ from rank to rank, add only zeros.
     """
 
     @Register.func_native(f"""
@@ -119,7 +120,7 @@ def entries_sum(factor: str) -> Any:
 def columns_products(
     at: Numbers, values: wp.array(dtype=value), y: wp.array(dtype=value), g: int, out: vector
 ):
-    """Leave the part of group g in M' y, by columns."""
+    """Store the contribution of group g to M' y, by columns."""
 
 
 @functools.cache
@@ -141,8 +142,8 @@ def _rooms(register: Register) -> Any:
 
 
 rooms: Any = Name(_rooms)
-"""(area, x, depth, first, begin, end, low, high): sums over nodes, for a limiter.
+"""Function (area, x, depth, first, begin, end, low, high) that returns a limiter's sums over nodes.
 
-The sums are the excess of the masses over their bounds and the room above and below.  A number is
-added to the sum of its place after the beginning, wherever in memory that is.
+The sums are the excess of the masses over their bounds and the room above and below.  A number's
+position after the beginning decides which partial sum it joins, not its memory address.
 """

@@ -1,8 +1,8 @@
-"""Loads and stores in C++, where Warp's own check and compute more than is needed.
+"""Loads and stores in C++, for which Warp's own code checks and computes more than necessary.
 
-An index of Warp may be negative and an array may be strided; both cost instructions in a gather.
-A register of `lanes` elements is loaded at once where their nodes follow one another in memory:
-such a node vector has the complement of its first number in the first place, which is negative.
+An index of Warp may be negative and an array may be strided; both cost instructions in a gather. A
+register of `lanes` elements is loaded at once if their nodes follow one another in memory: such a
+node vector stores the complement of its first number, which is negative, in its first lane.
 """
 
 import functools
@@ -16,7 +16,7 @@ from swe_sphere.kernels.define import Name, Register, index, kernel, value, vect
 
 CONTRIBUTORS = 4
 Contributors = wp.types.vector(CONTRIBUTORS, wp.int32)
-"""Places of a node's first field in the local tendencies, -1 for a contributor that it lacks."""
+"""Offsets of a node's first field in the local tendencies; -1 stands for a missing contributor."""
 Places = wp.array(dtype=Contributors)
 Numbers = wp.array(dtype=wp.int32)
 nodes = wp.array2d(dtype=index)
@@ -33,15 +33,15 @@ number: Any = load.find(Register(wp.int32))
 
 @Register.func_native("*reinterpret_cast<value*>(x.data + i) = v;")
 def put(x: vector, i: int, v: value):
-    """x[i] = v, or a register from there on."""
+    """Store v, or a register, at x[i] and the numbers after it."""
 
 
 @kernel
 def pack(x: vector, places: Numbers, packed: vector, threads: int):
-    """packed = x[places], all (n,).
+    """Set packed = x[places]; all arrays have shape (n,).
 
-    Of n threads, for a GPU, or of one, for a CPU: there a thread for each number takes longer than
-    to bring it.
+    A GPU runs n threads and a CPU one, because starting a thread there costs more than copying a
+    number.
     """
     for i in range(wp.tid(), places.shape[0], threads):
         put(packed, i, load(x, number(places, i)))
@@ -49,7 +49,7 @@ def pack(x: vector, places: Numbers, packed: vector, threads: int):
 
 @kernel
 def unpack(x: vector, places: Numbers, packed: vector, threads: int):
-    """x[places] = packed, likewise."""
+    """Set x[places] = packed; shapes and threads are those of `pack`."""
     for i in range(wp.tid(), places.shape[0], threads):
         put(x, number(places, i), load(packed, i))
 
@@ -61,9 +61,10 @@ def address(x: wp.array3d(dtype=value), i: int) -> wp.uint64:
 
 @functools.cache
 def _load_nodes(register: Register, given: Any) -> Any:
-    """Return the device function (x, offset, node): numbers of x, of the type `given`, at nodes.
+    """Return the device function (x, offset, node) that loads numbers of x at nodes.
 
-    The branch chooses between registers and not, as Warp's would, between `lanes` numbers each.
+    x contains numbers of the type `given`. The branch chooses between whole registers, not between
+    `lanes` numbers each as Warp's would.
     """
     lanes = register.lanes
     code = f"""
@@ -109,14 +110,14 @@ def _load_runs(register: Register) -> Any:
 
 
 load_runs: Any = Name(_load_runs)
-"""(x, places): the numbers of x at places that `in_two_runs` has seen."""
+"""Function (x, places) that loads x at places returned by `in_two_runs`."""
 
 
 def in_two_runs(places: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Mark registers (..., lanes) of places that are one run in memory, or two.
+    """Mark registers (..., lanes) of places that form one or two runs in memory.
 
-    Such a register has the complement of its first place, the place of the second run less the
-    number of lanes in the first one, and that number.
+    Such a register is replaced by three numbers: the complement of its first place, the place of
+    the second run less the number of lanes in the first run, and that number of lanes.
     """
     lanes = places.shape[-1]
     ends = np.diff(places) != 1
@@ -128,9 +129,9 @@ def in_two_runs(places: NDArray[np.integer]) -> NDArray[np.integer]:
 
 
 load_nodes: Any = Name(lambda of: _load_nodes(of, of.real))
-"""(x, offset, node): the numbers of x at a register of nodes."""
+"""Function (x, offset, node) that loads x at a register of nodes."""
 load_given: Any = Name(lambda of: _load_nodes(of.register, of.given), of_elements=True)
-"""`load_nodes` from a vector of the number type `given`."""
+"""Variant of `load_nodes` for a vector of the number type `given`."""
 
 
 @functools.cache
@@ -156,6 +157,6 @@ def _gather(register: Register) -> Any:
 
 
 gather: Any = Name(_gather)
-"""(local, places, first, offset): DSS of the nodes from `first` on, with their `Contributors`."""
+"""Function (local, places, first, offset): DSS of nodes from `first` on by their `Contributors`."""
 gather_one: Any = Name(lambda of: _gather(Register(of.real)))
-"""`gather` for one node."""
+"""Variant of `gather` for one node."""

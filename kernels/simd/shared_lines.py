@@ -1,9 +1,9 @@
-"""Numbers of which all threads of an element take line sums, shared by these threads.
+"""Line sums of numbers that all threads of an element share.
 
-Each number is loaded and computed once.  On a GPU a block has whole elements (`block_threads`), and
-its threads meet in shared memory, where numbers of one kind follow one another, so that they are in
-different banks.  On a CPU the threads of an element run one after the other, and the first one
-computes the numbers of all.
+Each number is loaded and computed once. On a GPU a block contains whole elements (`block_threads`),
+and its threads synchronise in shared memory, where numbers of one kind follow one another and so
+lie in different banks. On a CPU the threads of an element run one after the other, and the first
+thread computes the numbers of all.
 """
 
 from typing import Any
@@ -16,18 +16,18 @@ MOST_THREADS = 256
 
 
 def block_threads(nodes: int) -> int:
-    """Return the number of threads of a block of whole elements with so many nodes each."""
+    """Return the number of threads of a block of whole elements with `nodes` nodes each."""
     return max(1, MOST_THREADS // nodes) * nodes
 
 
 def shared_lines(kind: Any, np_: int, name: str, transposed: bool) -> tuple[Any, ...]:
-    """Return device functions by which the threads (..., element, node) share two rows a node.
+    """Return device functions by which the threads (..., element, node) share two rows per node.
 
-    kind: the type of a row.  There is one room of a name in a kernel, and a thread enters it once:
-    on a CPU the next thread comes when this one has ended.  All threads of a block have to call
-    them, in this order: `room` = `enter`(node); `put`(room, p, first, second) for each p = node +
-    turn, turn < `turns`(node); `meet`(); then the line sums `along` and `across` (room, d, i, j),
-    of which each is for one row.
+    kind: the type of a row. A kernel has one memory block per name, and a thread enters it once: on
+    a CPU the next thread enters when this one has ended. All threads of a block must call the
+    functions in this order: `room` = `enter`(node); `put`(room, p, first, second) for each p = node
+    + turn, turn < `turns`(node); `meet`(); then the line sums `along` and `across` (room, d, i, j),
+    each of one row.
     """
     count = len(kind.find(Register(wp.float64))())
     held = f"number {name}[{2 * count * MOST_THREADS}];"
@@ -71,7 +71,7 @@ def shared_lines(kind: Any, np_: int, name: str, transposed: bool) -> tuple[Any,
     def meet(): ...
 
     def line_sum(row: int, factor: str, node: str) -> Any:
-        """Return the sum over m of d at `factor` times the numbers at `node`, from a row on."""
+        """Return the sum over m of d at `factor` times the numbers at `node`, starting at a row."""
 
         sizes = {"count": count, "np": np_, "apart": MOST_THREADS, "begin": row * MOST_THREADS}
 

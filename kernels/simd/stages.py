@@ -1,8 +1,8 @@
-"""Steps of registers: the rates of change become the next state where they are computed.
+"""Time steps in registers: the kernels that compute rates of change also store the next state.
 
-With the levels Y_k of a step that begins at y, an explicit Runge-Kutta method is a chain of sums
-y + tau K + sum_k w_k (Y_k - y) of one rate K each (the form of Shu & Osher 1988), so that no rate
-has to be stored and read again.  Differences to y keep what sums of weighted states would lose.
+With the levels Y_k of a step that begins at y, an explicit Runge-Kutta method is a chain of sums y
++ tau K + sum_k w_k (Y_k - y) of one rate K each (the form of Shu & Osher 1988), so that no rate is
+stored and read again. Differences from y avoid the cancellation in sums of weighted states.
 """
 
 import functools
@@ -26,18 +26,18 @@ from swe_sphere.kernels.define import (
 
 @functools.cache
 def stage_struct(real: Any) -> Any:
-    """Return the Warp structure of a stage: `start` (n,), `tau` [s], and whether it is `on`."""
+    """Return the Warp structure of a stage: `start` (n,), `tau` [s], and the flag `on`."""
     return struct_of("Stage", {"on": wp.bool, "tau": real, "start": wp.array(dtype=real)})
 
 
 @functools.cache
 def levels_struct(real: Any) -> Any:
-    """Return the Warp structure of what a forward-backward pass reads and writes beside the rates.
+    """Return the Warp structure of a forward-backward pass: all arrays but the rates.
 
     Vectors of all unknowns: the levels `now` and `past`, the `loss` and the `base`, the result
     `out`, which may be any of the levels, and the combinations `carried` and `pushed` that the
-    elements differentiate next.  `tau` [s]; the weights of (out, now, past) in the masses of
-    `carried` or the winds of `pushed`, and as `mixes` those in the depth of `pushed`.
+    elements differentiate next. Numbers: `tau` [s]; `weights`, of (out, now, past) in the masses of
+    `carried` or the winds of `pushed`; `mixes`, the weights in the depth of `pushed`.
     """
     names = "now", "past", "loss", "base", "out", "carried", "pushed"
     triple = wp.types.vector(3, real)
@@ -54,7 +54,7 @@ triple: Any = Name(lambda of: wp.types.vector(3, of.real))
 def leave_of(fields: int) -> Any:
     """Return the device function (stage, at, size, rates, out): out[at] = start[at] + tau rate.
 
-    Where the stage is not `on`, out[at] = rate.  The fields are `size` apart.
+    If the stage is not `on`, out[at] = rate. The fields are `size` apart.
     """
 
     @Register.func_native(source("leave", fields=fields))
@@ -67,8 +67,8 @@ def leave_of(fields: int) -> Any:
 def step_of(shifted: bool) -> Any:
     """Return the device function (now, past, at, rate, tau, weights, base, out, mixed).
 
-    out = now + tau rate and mixed = the sum of (out, now, past) with these weights, of which any
-    may be one array.  If `shifted`, `base` is subtracted from the sum.
+    The function sets out = now + tau rate, and mixed = the weighted sum of (out, now, past), less
+    `base` if `shifted`. Any of these may be the same array.
     """
 
     @Register.func_native(source("step", shift="sum -= *runs(base.data + at);" if shifted else ""))
@@ -92,10 +92,10 @@ def mix(
     begin: int, size: int, fields: int, x: vector, levels: wp.array2d(dtype=real), weights: vector,
     first: int, last: int, out: vector,
 ):  # fmt: skip
-    """out = x + sum_k w_k (levels_k - x) with first <= k < last, over runs of nodes.
+    """Set out = x + sum_k w_k (levels_k - x) with first <= k < last, over runs of nodes.
 
-    The nodes begin with `begin`, and fields are `size` apart.  `out` is another array than the
-    others.
+    The runs start at node `begin`, and fields are `size` apart. `out` must differ from the other
+    arrays.
     """
     node = begin + lanes * wp.tid()
     for f in range(fields):
@@ -114,7 +114,7 @@ def diffusive_stage(
     begin: int, x: vector, last: vector, cl: real, before: vector, cb: real, rate: vector, cr: real,
     first: vector, cf: real, slope: vector, cs: real, change: vector, y: vector,
 ):  # fmt: skip
-    """A stage of a Runge-Kutta-Legendre method, over runs of vectors (n,) from `begin` on.
+    """Take a stage of a Runge-Kutta-Legendre method, over runs of vectors (n,) from `begin` on.
 
     change = cl last + cb before + cr rate + cf first + cs slope and y = x + change; `change` and
     `y` may be any of the vectors in the sums.

@@ -13,11 +13,12 @@ def run_strips(table: Table, strips: int): ...
 
 @kernel
 def sweep_strips(table: Table, strips: int):
-    """Run launches strip by strip, from the last strip to the first; of one thread.
+    """Run a sequence of launches in one thread, strip by strip from the last strip to the first.
 
-    A row of the table describes a launch: the addresses of its function, its bounds, its arguments
-    and the first thread of each strip (strips + 1,); the first argument of its first thread, and by
-    how much a thread changes it; the offset in the bounds of the number of all threads, and of how
-    many the first dimension has each; by how many strips it follows the first launch.
+    Each row of the table describes a launch. It holds the addresses of its function, its bounds,
+    its arguments and the first thread of each strip (strips + 1,); the first argument of its first
+    thread, and the increment of that argument per thread; the offset in the bounds of the thread
+    count, and the threads per index of the first dimension; the number of strips by which it lags
+    the first launch.
     """
     run_strips(table, strips)
