@@ -20,9 +20,9 @@ from swe_sphere.ranks.communicator import Communicator
 
 
 class DiscreteScene:
-    """The scene, where its nodes are, and its coefficients and fields on the device.
+    """A scene on the nodes of a mesh: its coefficients and fields on the device.
 
-    Arguments and errors as for `Model`.
+    Arguments and errors are those of `Model`.
     """
 
     def __init__(
@@ -33,7 +33,7 @@ class DiscreteScene:
             raise ConfigError(f"precision is float64 or float32, not {precision!r}")
         device = find_device(device, comm.local)
         if comm.shared:
-            wp.set_device(device)  # which MPI takes to be the rank's own
+            wp.set_device(device)  # MPI uses this device as the rank's
         shape = shape or ("element" if device == "cpu" else "node")
         if shape not in ("element", "node"):
             raise ConfigError(f"the launch shape is element or node, not {shape!r}")
@@ -58,7 +58,7 @@ class DiscreteScene:
                 ("forcing", scene.forcing, self.fluid, scene.steady_forcing),
             )
         )
-        self.set_time(0.0)  # a function that fails does so before anything is computed
+        self.set_time(0.0)  # a faulty function fails before anything is computed
         self.room = cache(lambda name: DiscreteScene.zeros(self, self.fluid_size))
         """Room for a field of wind and depth that all models which share arrays use in turns."""
 
@@ -71,7 +71,7 @@ class DiscreteScene:
 
     @cached_property
     def edge_penalty(self) -> EdgePenaltyOperator:
-        """The operator; raises ConfigError for a fluid at rest initially without a given speed."""
+        """The penalty's operator; raises ConfigError for a fluid initially at rest and no speed."""
         effect, mesh = self.scene.effect("edge-penalty"), self.mesh
         assert isinstance(effect, EdgePenalty)
         speed = self.strongest_wind if effect.speed is None else effect.speed
@@ -90,7 +90,7 @@ class DiscreteScene:
 
     @property
     def growth_time(self) -> float:
-        """About the time [s] in which computational modes grow tenfold; infinite where none grow.
+        """Approximate time [s] in which computational modes grow tenfold; infinite if none grow.
 
         The strongest wind goes around the planet in this time; slow winds need longer.
         """
@@ -102,19 +102,19 @@ class DiscreteScene:
         return 2.0 * np.pi * radius / speed * max(1.0, slow / speed)
 
     def set_time(self, t: float) -> None:
-        """Bring the prescribed wind and the forcing to time t [s]."""
+        """Update the prescribed wind and the forcing to time t [s]."""
         self.wind.set_time(t)
         self.forcing.set_time(t)
 
 
 def _parameters(scene: Scene, on: DeviceMesh) -> dict[str, Any]:
-    """Coefficients and fields of the effects, by the names that the kernels have for them."""
+    """Return the coefficients and fields of the effects by their names in the kernels."""
     mesh, size = on.mesh, on.size
     parameters: dict[str, Any] = {"gravity": scene.planet.gravity}
     if scene.bottom:
         # Bottoms are measured from the mean surface of the initial state, exact in float32.
-        # Gradients do not notice, but h + b is then a small number that does not lose the digits
-        # of a float32: a lake at rest stays at rest bit for bit.
+        # Gradients do not change, but h + b is then a small number that keeps all digits of a
+        # float32: a lake at rest stays at rest bit for bit.
         bottom = scene.bottom(mesh.lon, mesh.lat)
         surface = scene.initial(mesh.lon, mesh.lat)[2] + bottom
         level = float(np.float32(np.average(surface, weights=mesh.area)))
@@ -134,7 +134,7 @@ def _parameters(scene: Scene, on: DeviceMesh) -> dict[str, Any]:
 
 
 def _coefficients(scene: Scene, effect: Effect, on: DeviceMesh) -> dict[str, Any]:
-    """Return the coefficients that the terms of an effect read, fields on the device."""
+    """Return the coefficients that the terms of an effect read, with fields on the device."""
     mesh, label = on.mesh, f"{scene.name}: coefficients of {effect.name}"
     found = dict(guarded(label, effect.coefficients, mesh))
     if isinstance(effect, PointwiseEffect) and effect.needs is not None:
@@ -148,14 +148,17 @@ def _coefficients(scene: Scene, effect: Effect, on: DeviceMesh) -> dict[str, Any
 
 
 class PrescribedFields:
-    """Fields on the device that are evaluated on the host, and only when the time changes."""
+    """Fields on the device that the host evaluates, only when the time changes."""
 
     def __init__(
         self, on: DeviceMesh, formula: Any, target: wp.array | None, blocks: Sequence[str],
         steady: bool,
     ) -> None:  # fmt: skip
-        """formula: the scene's function; target: the parameter with the blocks (N,) of its results,
-        if there is one; steady: once is enough."""
+        """Prepare the fields of a function of the scene.
+
+        formula: the scene's function; target: the parameter with the blocks (N,) of its results, if
+        there is one; steady: evaluate the function only once.
+        """
         self._on, self._formula, self._target, self._blocks = on, formula, target, blocks
         self.steady = steady or target is None
         """True if the fields are the same at all times."""
@@ -164,7 +167,7 @@ class PrescribedFields:
         """Mean over the sphere of what is prescribed for the depth."""
 
     def set_time(self, t: float) -> None:
-        """Bring the fields to time t [s], unless they are there already."""
+        """Update the fields to time t [s], unless they are current."""
         if self._target is None or t == self._time:
             return
         if self._time is None or not self.steady:

@@ -1,8 +1,8 @@
-"""The effects a scene may call for: small frozen dataclasses.
+"""The effects that a scene may declare: small frozen dataclasses.
 
-An effect says *what* acts on the fluid and with which coefficients.  Those with derivatives name
-the terms of the kernels that they switch on; those without (`PointwiseEffect`) bring their formulas
-along, and a scene may define such of its own.
+An effect defines *what* acts on the fluid and with which coefficients. Effects with derivatives
+name the terms of the kernels that they enable; effects without (`PointwiseEffect`) contain their
+formulas, and a scene may define custom ones.
 """
 
 import math
@@ -33,32 +33,32 @@ class Effect:
     """The name used on the command line and in files."""
 
     needs: ClassVar[str | None] = None
-    """The function of the `Scene` that this effect, and only this effect, calls for."""
+    """Function of the `Scene` that this effect, and only this effect, requires."""
 
     terms: ClassVar[frozenset[str]] = frozenset()
-    """Flags of `swe_sphere.kernels.Terms` (with derivatives) and `Pointwise` that it switches on:
-    in the dissipation if it damps, else in the rest."""
+    """Flags of `swe_sphere.kernels.Terms` (with derivatives) and `Pointwise` that it enables: in
+    the dissipative component if it damps, otherwise in the conservative one."""
 
     everywhere: ClassVar[frozenset[str]] = frozenset()
-    """Flags that hold in all components of the right-hand side, as they say what the fields are."""
+    """Flags of all components of the right-hand side, because they define the fields."""
 
     constant: ClassVar[bool] = False
     """True if the rate of change is the same for all states, so that its derivative is zero."""
 
     excludes: ClassVar[Mapping[str, str]] = {}
-    """Names of effects that cannot act beside this one, and what to say then."""
+    """Names of effects that cannot be combined with this one, each with an error message."""
 
     conserves: ClassVar[frozenset[str]] = MASSES
     """The `MASSES` that the effect conserves: implicit steppers restore the masses that all effects
-    of a scene conserve, and leave the others to their solver.  (The mass that forcing adds is
-    known: see `Model.mean_source`.)"""
+    of a scene conserve; the others are as accurate as the solver.  (The mass that forcing adds is
+    computed: see `Model.mean_source`.)"""
 
     dissipation: ClassVar[bool] = False
-    """True if the effect damps: the user may switch it on for any scene, and leapfrog schemes
+    """True if the effect damps: the user may enable it for any scene, and leapfrog schemes
     evaluate it at the past level."""
 
     strengths: ClassVar[tuple[str, ...]] = ()
-    """Parameters that must be finite and not negative; where one is zero, the effect vanishes."""
+    """Parameters that must be finite and not negative; the effect vanishes if one is zero."""
 
     def __new__(cls, *_: object, **__: object) -> Self:
         """Raise ConfigError for a class without a name, or with parameters but no `@dataclass`."""
@@ -84,8 +84,10 @@ class Effect:
 
     @property
     def degree(self) -> int | None:
-        """Degree of the rate of change as a polynomial of the state and its derivatives in space;
-        None if it is no polynomial."""
+        """Degree of the rate of change as a polynomial of the state and its derivatives in space.
+
+        It is None if the rate is not a polynomial.
+        """
         return 1
 
     @property
@@ -99,13 +101,13 @@ class Effect:
         return any(getattr(self, name) == 0.0 for name in self.strengths)
 
     def coefficients(self, mesh: Mesh) -> Mapping[str, float | Array]:
-        """The numbers, and for point-wise effects fields (N,), that its terms read, by name."""
+        """Return the numbers, and for pointwise effects fields (N,), that its terms read."""
         return {}
 
     def damping(self, mesh: Mesh, squares: Array) -> Array | float:
-        """Rate [s-1] at which it damps waves of the squared wavenumbers k^2 [m-2], if it does.
+        """Return the rate [s-1] at which it damps waves of squared wavenumbers k^2 [m-2].
 
-        What preconditioners of implicit steps know of it.
+        Preconditioners of implicit steps use only this rate of an effect.
         """
         return 0.0
 
@@ -167,7 +169,7 @@ class PrescribedWind(Effect):
 
 @dataclass(frozen=True)
 class Forcing(Effect):
-    """Prescribed rates of change of wind [m s-2] and depth [m s-1], whatever the state is."""
+    """Prescribed rates of change of wind [m s-2] and depth [m s-1], independent of the state."""
 
     name = "forcing"
     terms = frozenset({"forcing"})
@@ -189,10 +191,10 @@ class Tracers(Effect):
 
 @dataclass(frozen=True)
 class Linearised(Effect):
-    """Everything that acts but forcing is replaced by its derivative at the flow `Scene.base`.
+    """The derivative of all effects but forcing at the flow `Scene.base` replaces the effects.
 
-    d state/dt = F'(base) (state - base) + forcing.  The state is still the whole flow, and the base
-    is taken to be steady, whether F(base) is zero or not.
+    d state/dt = F'(base) (state - base) + forcing. The state is still the whole flow, and the base
+    counts as steady, whether F(base) is zero or not.
     """
 
     name = "linearised"
@@ -207,7 +209,7 @@ class Linearised(Effect):
 class Viscosity(Effect):
     """ν ∇² with the coefficient `nu` [m2 s-1] on the prognostic fields.
 
-    Raises ConfigError where `nu` is negative or not finite.
+    Raises ConfigError if `nu` is negative or not finite.
     """
 
     name = "viscosity"
@@ -217,11 +219,11 @@ class Viscosity(Effect):
     nu: float
 
     def coefficients(self, mesh: Mesh) -> dict[str, float]:
-        """ν [m2 s-1]."""
+        """Return ν [m2 s-1]."""
         return {"nu": self.nu}
 
     def damping(self, mesh: Mesh, squares: Array) -> Array:
-        """ν k²."""
+        """Return ν k²."""
         return self.nu * squares
 
 
@@ -230,11 +232,11 @@ class Hyperviscosity(Effect):
     """-ν ∇⁴ with one coefficient for the whole mesh.
 
     Args:
-        nu: Coefficient [m4 s-1]; None: `factor` times `hyperviscosity_default` of the mesh. Users
-            say "default" for None.
-        factor: Multiple of the default coefficient; 30 is the rule of CAM-SE.
+        nu: coefficient [m4 s-1]; None, on the command line "default": `factor` times
+            `hyperviscosity_default` of the mesh.
+        factor: multiple of the default coefficient; 30 is the rule of CAM-SE.
 
-    Raises ConfigError where `nu` or `factor` is negative or not finite.
+    Raises ConfigError if `nu` or `factor` is negative or not finite.
     """
 
     name = "hyperviscosity"
@@ -245,7 +247,7 @@ class Hyperviscosity(Effect):
     factor: float = 1.0
 
     def coefficients(self, mesh: Mesh) -> dict[str, float]:
-        """ν [m4 s-1], by default that of the mesh."""
+        """Return ν [m4 s-1], by default that of the mesh."""
         if self.nu is not None:
             return {"nu4": self.nu}
         refinement = 1.0
@@ -256,7 +258,7 @@ class Hyperviscosity(Effect):
         return {"nu4": self.factor * default}
 
     def damping(self, mesh: Mesh, squares: Array) -> Array:
-        """ν k⁴."""
+        """Return ν k⁴."""
         return self.coefficients(mesh)["nu4"] * squares**2
 
 
@@ -264,16 +266,16 @@ class Hyperviscosity(Effect):
 class EdgePenalty(Effect):
     """Penalty on the jumps of vorticity and divergence at the edges of elements.
 
-    It damps winds whose vorticity or divergence is discontinuous there, at the rate
-    gamma = `c` `speed` dx [m2 s-1] times squared jumps, with dx [m] the root of the area of an
-    element. Smooth winds keep their order of accuracy; mass and depth are not changed.
+    It damps winds whose vorticity or divergence is discontinuous there, at the rate gamma = `c`
+    `speed` dx [m2 s-1] times squared jumps, with dx [m] the root of the area of an element. Smooth
+    winds keep their order of accuracy; mass and depth are not changed.
 
     Args:
-        c: Strength; None: `penalty_default` of the mesh, which removes the computational modes that
-            grow in flows across the edges of the cube's faces. Users say "default" for it.
-        speed: Wind speed [m s-1]; by default the largest of the initial wind, or of the base.
+        c: strength; None, on the command line "default": `penalty_default` of the mesh, which
+            removes the computational modes that grow in flows across the edges of cube faces.
+        speed: wind speed [m s-1]; by default the largest of the initial wind, or of the base.
 
-    Raises ConfigError where `c` or `speed` is negative or not finite.
+    Raises ConfigError if `c` or `speed` is negative or not finite.
     """
 
     name = "edge-penalty"
@@ -295,7 +297,7 @@ class EdgePenalty(Effect):
 
 
 def penalty_default(np: int) -> float:
-    """Strength of the edge penalty that goes with np nodes along the edge of an element.
+    """Return the default strength of the edge penalty for np nodes along the edge of an element.
 
     Its largest rate is then 4 to 6 % of that of gravity waves at every np.
     """
@@ -305,18 +307,18 @@ def penalty_default(np: int) -> float:
 def hyperviscosity_default(
     ne: int, np: int, radius: float = EARTH.radius, refinement: float = 1.0
 ) -> float:
-    """Hyperviscosity [m4 s-1] that goes with a mesh: ten times less for half the node spacing.
+    """Return the default hyperviscosity [m4 s-1] of a mesh; half the node spacing needs a tenth.
 
-    One thirtieth of the rule of CAM-SE (ESCOMP/CAM, global_norms_mod, after Boville 1991 and
-    Takahashi et al. 2006), 1e15 (a / 6.37122e6 m) (30 / ne)^(1 / log10 2) at np = 4.
-    Other np are compared at equal mean node spacing, which goes as 1 / (ne (np - 1)), and a
-    stretched mesh has the one coefficient that goes with its finest part.
+    The default is one thirtieth of the rule of CAM-SE (ESCOMP/CAM, global_norms_mod, after Boville
+    1991 and Takahashi et al. 2006), 1e15 (a / 6.37122e6 m) (30 / ne)^(1 / log10 2) at np = 4. Other
+    np are compared at equal mean node spacing, which is proportional to 1 / (ne (np - 1)). A
+    stretched mesh has one coefficient, that of its finest part.
 
     Args:
-        ne: elements along the edge of a cube face.
-        np: nodes along the edge of an element.
-        radius: of the planet [m].
-        refinement: how many times finer than without stretching the finest part of the mesh is.
+        ne: number of elements along the edge of a cube face.
+        np: number of nodes along the edge of an element.
+        radius: radius of the planet [m].
+        refinement: node spacing without stretching over that of the finest part of the mesh.
     """
     spacing = (30.0 * 3.0) / (ne * (np - 1) * refinement)
     return float(1.0e15 / 30.0 * (radius / EARTH.radius) * spacing ** (1.0 / math.log10(2.0)))
@@ -324,19 +326,19 @@ def hyperviscosity_default(
 
 @dataclass(frozen=True)
 class PointwiseEffect(Effect):
-    """An effect whose tendency at a node depends on the wind and depth there; derive from it.
+    """Base of effects whose tendency at a node depends only on the wind and depth there.
 
     The formulas are static methods of `(c, i, u, v, h)`, with the coefficients c, the number i of
-    the node, the winds u, v [m s-1] and the depth h [m].  Those of the wind return two rates
-    [m s-2], those of the depth one [m s-1].  A coefficient that is a number reads c.name, one that
-    is a field (N,) c.name[i]; a bare constant is a float32 to Warp, so make it a coefficient.
+    the node, the winds u, v [m s-1] and the depth h [m]. Formulas of the wind return two rates [m
+    s-2], formulas of the depth one [m s-1]. A numeric coefficient reads c.name, a field (N,)
+    c.name[i]; Warp treats a bare constant as a float32, so make it a coefficient.
 
     The derivatives are static methods of `(c, i, u, v, h, du, dv, dh)`, linear in the last three.
-    Where one is not given, all products with the Jacobian are differences of right-hand sides.
+    If one is missing, all products with the Jacobian are differences of right-hand sides.
 
-    `conserves` says whether the total mass stays: `MASSES` if it does, and with the default it is
-    left to the effect.  `dissipation` says whether leapfrog schemes have to take it at the past
-    level.
+    `conserves` states whether the total mass is conserved: `MASSES` if it is; with the default the
+    effect may change it. `dissipation` states whether leapfrog schemes must evaluate the effect at
+    the past level.
     """
 
     conserves = frozenset({"tracers"})
@@ -347,7 +349,7 @@ class PointwiseEffect(Effect):
 
     @property
     def degree(self) -> int | None:
-        """None: it may be any function of the state."""
+        """None, because the rate may be any function of the state."""
         return None
 
     @property
@@ -358,7 +360,7 @@ class PointwiseEffect(Effect):
 
     @property
     def derivatives(self) -> Formulas:
-        """The derivatives of both."""
+        """The derivatives of both rates."""
         cls = type(self)
         return cls.wind_derivative, cls.depth_derivative
 
@@ -369,7 +371,7 @@ class PointwiseEffect(Effect):
         return all(formula is None or derivative is not None for formula, derivative in pairs)
 
     def coefficients(self, mesh: Mesh) -> Mapping[str, float | Array]:
-        """Numbers and fields (N,) that the formulas read: by default the parameters."""
+        """Return the numbers and fields (N,) that the formulas read: by default the parameters."""
         return {name: float(getattr(self, name)) for name in self.parameters()}
 
 
@@ -377,7 +379,7 @@ class PointwiseEffect(Effect):
 class Drag(PointwiseEffect):
     """-(linear + quadratic |v|) v on the wind, with `linear` [s-1] and `quadratic` [m-1].
 
-    Raises ConfigError where a coefficient is negative or not finite.
+    Raises ConfigError if a coefficient is negative or not finite.
     """
 
     name = "drag"
@@ -389,17 +391,17 @@ class Drag(PointwiseEffect):
 
     @property
     def absent(self) -> bool:
-        """True where both coefficients are 0."""
+        """True if both coefficients are 0."""
         return self.linear == 0.0 and self.quadratic == 0.0
 
     @property
     def degree(self) -> int | None:
-        """One, but for the modulus of the wind."""
+        """Degree 1 without quadratic drag, which contains the modulus of the wind, else None."""
         return 1 if self.quadratic == 0.0 else None
 
     @property
     def tendencies(self) -> Formulas:
-        """Linear drag alone, where it is, knows no modulus."""
+        """The rate of the wind; linear drag alone does not compute the modulus."""
         return self._linear if self.quadratic == 0.0 else self._both, None
 
     @property
@@ -409,7 +411,7 @@ class Drag(PointwiseEffect):
         return linear if self.quadratic == 0.0 else both, None
 
     def coefficients(self, mesh: Mesh) -> dict[str, float]:
-        """Both, and a wind that is none."""
+        """Return both coefficients, and a wind speed that counts as still air."""
         return {"linear": self.linear, "quadratic": self.quadratic, "still": 1e-30}
 
     @staticmethod
@@ -442,8 +444,8 @@ class Drag(PointwiseEffect):
 class Relaxation(PointwiseEffect):
     """-(h - h_eq) / time on the depth, `time` in [s], with h_eq [m] from `Scene.equilibrium`.
 
-    Newtonian cooling in a shallow layer.  Switched on for a scene that has no equilibrium, it pulls
-    depth back to what it was at the start.  Raises ConfigError where `time` is not positive.
+    This is Newtonian cooling in a shallow layer. In a scene without an equilibrium, it relaxes the
+    depth to its initial values. Raises ConfigError if `time` is not positive.
     """
 
     name = "relaxation"
@@ -458,11 +460,11 @@ class Relaxation(PointwiseEffect):
 
     @property
     def absent(self) -> bool:
-        """True where the time is infinite."""
+        """True if the time is infinite."""
         return math.isinf(self.time)
 
     def coefficients(self, mesh: Mesh) -> dict[str, float]:
-        """One over the time [s-1]; the equilibrium is a function of the scene."""
+        """Return one over the time [s-1]; the equilibrium is a function of the scene."""
         return {"rate": 1.0 / self.time}
 
     @staticmethod
@@ -474,7 +476,7 @@ class Relaxation(PointwiseEffect):
     @staticmethod
     @no_type_check
     def depth_derivative(c, i, u, v, h, du, dv, dh):
-        """Without it."""
+        """Return the derivative of this rate, which does not depend on the equilibrium."""
         return -c.rate * dh
 
 

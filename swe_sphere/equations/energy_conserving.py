@@ -1,4 +1,4 @@
-"""The right-hand side in skew form, averaged between two states: what keeps the energy exactly."""
+"""The right-hand side in skew form, averaged between two states: it conserves energy exactly."""
 
 import warp as wp
 
@@ -16,13 +16,13 @@ NEEDED = ("momentum-advection", "pressure-gradient")
 
 
 class PoissonTendency:
-    """Average tendency from one state to another, whose product with the energy's change is zero.
+    """Average tendency from one state to another; its product with the energy's change is zero.
 
     d(V, h)/dt = (-q k x F - grad B, -div F), with F and B the averages of hV and |V|²/2 + g(h + b)
     between the states and the potential vorticity q = (curl V + f)/h half way (Wimmer, Cotter &
-    Bauer 2020, doi:10.1016/j.jcp.2019.109016).  The operator is skew for the quadrature of the
-    mesh, because F is continuous and differentiation by parts is exact there.  Without
-    dissipation.  Tracers are carried by F, so that a constant mixing ratio stays constant.  Raises
+    Bauer 2020, doi:10.1016/j.jcp.2019.109016). The operator is skew for the quadrature of the mesh,
+    because F is continuous and integration by parts is exact there. The tendency excludes
+    dissipation. F carries the tracers, so that a constant mixing ratio stays constant. Raises
     ConfigError for a scene that does not step all of the dynamics.
     """
 
@@ -52,9 +52,9 @@ class PoissonTendency:
         return all(model.scene.effect(name) is not None for name in NEEDED)
 
     def __call__(self, first: wp.array, last: wp.array, t: float, out: wp.array) -> None:
-        """out = the average between two states, with the forcing of time t [s] between them.
+        """Set out to the average between two states, with the forcing of time t [s] between them.
 
-        Counted as one right-hand side.
+        The call counts as one right-hand side.
         """
         model, nodes = self._model, self._model.device_mesh.size
         model.set_time(t)

@@ -1,4 +1,4 @@
-"""Gravity waves alone, linear on a fluid at rest, in steps as short as they need."""
+"""Gravity waves alone, linear on a fluid at rest, in sub-steps below their stability limit."""
 
 import warp as wp
 
@@ -10,11 +10,11 @@ from swe_sphere.kernels.vectors import combine_kernel
 
 
 class FastWaves:
-    """dV/dt = -g grad h + rate, dh/dt = -div(H V) + rate in steps of Störmer and Verlet.
+    """Solves dV/dt = -g grad h + rate, dh/dt = -div(H V) + rate by Störmer-Verlet sub-steps.
 
-    H is the depth of a state, frozen.  Tracers have the flux of their masses at that state, and so
-    a constant mixing ratio stays constant: as only their sources in the end count, they take the
-    way that the fluid has gone as one step.
+    H is the depth of a state, held constant. Tracers have the flux of their masses at that state,
+    so that a constant mixing ratio stays constant: only the time-integrated flux counts, so they
+    move along the total displacement of the fluid in one step.
     """
 
     def __init__(self, model: Model) -> None:
@@ -42,10 +42,10 @@ class FastWaves:
     def advance(
         self, rest: wp.array, rate: wp.array, duration: float, steps: int, carrier: wp.array
     ) -> None:
-        """Move `state` on by a duration [s] in so many steps.
+        """Advance `state` by a duration [s] in `steps` sub-steps.
 
-        rest: the state whose depth is H; rate: of change of all, beside the waves; carrier: the
-        state that has the masses of tracers.
+        rest: the state whose depth is H; rate: rate of change of all fields apart from the waves;
+        carrier: the state that holds the masses of tracers.
         """
         tau = duration / steps
         self._kick(rate, 0.5 * tau)

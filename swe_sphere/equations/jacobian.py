@@ -1,4 +1,4 @@
-"""The derivative of the right-hand side at one state, as an operator; any number may be in use."""
+"""Operators for the derivative of the right-hand side at one state; several may be in use."""
 
 from collections.abc import Callable, Sequence
 from typing import Self
@@ -15,34 +15,34 @@ Tendency = Callable[[wp.array, float, wp.array], None]
 
 
 class ExactJacobian:
-    """The product by kernels of the derivatives of all terms."""
+    """Jacobian whose kernels apply the derivatives of all terms."""
 
     def __init__(self, tangent: RightHandSide, base: wp.array | None) -> None:
-        """base: where the tangent is taken; None: the same derivative at all states."""
+        """Store the state `base` of the tangent; None if all states have the same derivative."""
         self._tangent, self._base, self._time = tangent, base, 0.0
 
     def update(self, state: wp.array, t: float) -> Self:
-        """Take the derivative at a copy of the state and at time t [s]."""
+        """Linearise at a copy of the state and at time t [s]."""
         self._time = t
         if self._base is not None:
             wp.copy(self._base, state)
         return self
 
     def __call__(self, direction: wp.array, out: wp.array) -> None:
-        """Write J direction to `out`, another array."""
+        """Write J direction to `out`, which must be another array."""
         self._tangent(direction, self._time, out)
 
 
 class DifferenceJacobian:
-    """J d near [F(x + e d) - F(x)]/e with e = sqrt(round-off) max|x| / max|d|.
+    """J d approximated by [F(x + e d) - F(x)]/e with e = sqrt(round-off) max|x| / max|d|.
 
-    Knoll & Keyes 2004 (doi:10.1016/j.jcp.2003.08.010), section 2.3, with each field measured by its
-    own size (`_sizes_of`).  For comparison, and for effects without a derivative of
-    their own: it costs about what the exact product does, but has only half the digits.
+    Knoll & Keyes 2004 (doi:10.1016/j.jcp.2003.08.010), section 2.3, with a separate scale for each
+    field (`_sizes_of`). It serves for comparison, and for effects without a derivative: it costs
+    about as much as the exact product, but has only half the digits.
     """
 
     def __init__(self, model: DiscreteScene, names: Sequence[str], tendency: Tendency) -> None:
-        """names: of the blocks (N,) of a state; tendency: (x, t, out)."""
+        """Store the names of the blocks (N,) of a state, and the tendency (x, t, out)."""
         self._model, self._names, self._tendency = model, list(names), tendency
         real, size = model.device_mesh.real, len(names) * model.device_mesh.size
         self._one, self._two = combine_kernel(real, 1), combine_kernel(real, 2)
@@ -52,7 +52,7 @@ class DifferenceJacobian:
         model.launch.load(self._one, self._two)
 
     def update(self, state: wp.array, t: float) -> Self:
-        """Take the derivative at a copy of the state and at time t [s]; costs a right-hand side."""
+        """Linearise at a copy of the state and at time t [s]; costs one right-hand side."""
         wp.copy(self._base, state)
         self._time, self._sizes = t, self._sizes_of(state)
         self._tendency(state, t, self._slope)
@@ -76,10 +76,10 @@ class DifferenceJacobian:
         return np.asarray(np.max(self._model.comm.tell_all(mine), axis=0), dtype=np.float64)
 
     def _sizes_of(self, state: wp.array) -> Array:
-        """Return for each field the size that changes of it are compared with.
+        """Return for each field the scale of its changes.
 
-        For a wind that is also the speed of gravity waves: a fluid at rest has no wind.  For a
-        tracer with no mass it is a mixing ratio of 1.
+        The scale of a wind is at least the speed of gravity waves, because a fluid at rest has no
+        wind. The scale of a tracer without mass corresponds to a mixing ratio of 1.
         """
         sizes = self._largest(state)
         names, gravity = self._names, self._model.scene.planet.gravity
@@ -91,7 +91,7 @@ class DifferenceJacobian:
 
 
 Jacobian = ExactJacobian | DifferenceJacobian
-"""`jacobian(d, out)`: out = J d, with J the derivative at the state of the last `update`.
+"""Operator `jacobian(d, out)`: out = J d, with J the derivative at the state of the last `update`.
 
 A Jacobian holds a copy of that state, so that Jacobians at several states can be applied in turns;
 `update` allocates nothing.  Products are counted as tangent_evaluations.

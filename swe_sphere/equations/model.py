@@ -32,19 +32,18 @@ from swe_sphere.ranks.communicator import Communicator
 
 JACOBIANS = ("exact", "difference")
 LEAST_DEPTH = 1e-30
-"""A depth below this [m] is none: one over it does not fit into every number of a run."""
+"""Depths below this [m] count as zero: their reciprocal may overflow in the run's precision."""
 
 
 class Model(DiscreteScene):
     """Tendencies of the shallow-water equations with exactly the effects of one scene.
 
     A state is a flat Warp array: N eastward winds, N northward winds [m s-1] and N depths [m], or
-    the depths alone where the wind is prescribed; then the masses hq [m] of tracers, N of each.
-    Nodes stand in the order of `device_mesh`; `state_from` and `fields` take and return arrays in
-    the order of the mesh.
-    `shape` chooses the launch shape of the kernels; by default one thread a group of elements on a
-    CPU and one thread a node elsewhere.  comm: the ranks that share the mesh; by default there are
-    none.
+    the depths alone if the wind is prescribed; then the masses hq [m] of tracers, N of each. Nodes
+    are in the order of `device_mesh`; `state_from` and `fields` accept and return arrays in the
+    order of the mesh. `shape` selects the launch shape of the kernels; by default one thread per
+    group of elements on a CPU and one thread per node elsewhere. comm: the ranks that share the
+    mesh; by default there is only one.
 
     Raises ConfigError for an unknown device, precision, launch shape or kind of Jacobian.
     """
@@ -60,7 +59,7 @@ class Model(DiscreteScene):
         self._carry(flux=False)
 
     def _carry(self, flux: bool) -> None:
-        """Let states have tracers behind wind and depth, or the flux of mass that carries them."""
+        """Add tracers to states after wind and depth, or the mass flux that carries tracers."""
         self.tracers: TracerEquations | None = None
         self.carried: TracerEquations | MassFlux | None = None
         """Fields of a state behind wind and depth: tracer masses or the mass flux."""
@@ -71,7 +70,7 @@ class Model(DiscreteScene):
         self.names = (*self.fluid, *(self.carried.names if self.carried else ()))
         """Names of the blocks (N,) of a state."""
         self.size = len(self.names) * self.device_mesh.size
-        if not (self.diffusive or self.penalised):  # else a stepper may want it without
+        if not (self.diffusive or self.penalised):  # otherwise a stepper may need it without
             _ = self.tendency
 
     @cached_property
@@ -86,7 +85,7 @@ class Model(DiscreteScene):
 
     @property
     def dissipative(self) -> bool:
-        """True if the scene has an effect that damps, or a rate is held."""
+        """True if the scene has an effect that damps, or a held rate."""
         return self.held is not None or any(effect.dissipation for effect in self.scene.effects)
 
     @property
@@ -100,7 +99,7 @@ class Model(DiscreteScene):
         return self.scene.effect("edge-penalty") is not None
 
     def damping(self, squares: Array) -> Array:
-        """Rate [s-1] at which all effects together damp waves of squared wavenumbers [m-2]."""
+        """Return the damping rate [s-1] of all effects for waves of squared wavenumbers [m-2]."""
         total = np.zeros_like(squares)
         for effect in self.scene.effects:
             total += effect.damping(self.mesh, squares)
@@ -126,11 +125,11 @@ class Model(DiscreteScene):
 
     @cached_property
     def carrier(self) -> "Model":
-        """The model with the flux of mass in the place of tracers; all else is shared."""
+        """The model with the mass flux in place of tracers; it shares all other arrays."""
         return self._alike(self.scene, True, self.held)
 
     def _alike(self, scene: Scene, carries_flux: bool, held: wp.array | None) -> "Model":
-        """Return a model with fewer effects, or other fields behind the fluid."""
+        """Return a model with fewer effects, or other fields after wind and depth."""
         other = copy.copy(self)
         other.held = held
         for name, attribute in vars(Model).items():
@@ -143,14 +142,14 @@ class Model(DiscreteScene):
     # --- states
 
     def zeros(self, size: int | None = None) -> wp.array:
-        """A state of zeros, or zeros (size,)."""
+        """Return a state of zeros, or zeros (size,)."""
         return super().zeros(self.size if size is None else size)
 
     def state_from(self, u: Array, v: Array, h: Array, **tracers: Array) -> wp.array:
-        """State from winds [m s-1], depth [m] and mixing ratios by name, each (N,).
+        """Return a state from winds [m s-1], depth [m] and mixing ratios by name, each (N,).
 
-        Tracers that are not given have those of the scene's start.  Raises ValueError for arrays
-        of another size.
+        Missing tracers have the scene's initial values. Raises ValueError for arrays of another
+        size.
         """
         ratios = mixing_ratios(self.scene, self.mesh) | tracers
         masses = {f"hq_{name}": h * q for name, q in ratios.items()}
@@ -159,10 +158,10 @@ class Model(DiscreteScene):
         return self.device_mesh.scatter(np.concatenate(blocks))
 
     def initial_state(self) -> wp.array:
-        """The scene's initial state.
+        """Return the scene's initial state.
 
-        Raises ConfigError where the depth is zero everywhere, and where a depth that waves run on,
-        which is that of the base of linearised dynamics, is not positive.
+        Raises ConfigError if the depth is zero everywhere, or if the depth that carries waves,
+        which is the base's in linearised dynamics, is not positive.
         """
         scene, mesh = self.scene, self.mesh
         if scene.wind is None and scene.effect("pressure-gradient") is not None:
@@ -174,9 +173,9 @@ class Model(DiscreteScene):
         return self.state_from(u, v, h)
 
     def fields(self, state: wp.array, t: float = 0.0) -> dict[str, Array]:
-        """Winds u, v [m s-1] and depth h [m] as float64 numpy arrays (N,).
+        """Return winds u, v [m s-1] and depth h [m] as float64 numpy arrays (N,).
 
-        For each tracer also its mass hq_NAME [m] and its mixing ratio q_NAME.
+        For each tracer the mass hq_NAME [m] and the mixing ratio q_NAME are added.
         """
         blocks = self.device_mesh.collect(state).astype(np.float64).reshape(len(self.names), -1)
         fields = dict(zip(self.names, blocks, strict=True))
@@ -196,9 +195,9 @@ class Model(DiscreteScene):
     ) -> RightHandSide:  # fmt: skip
         """Return a component of the right-hand side, see `RightHandSide`.
 
-        stage: (start, tau [s]), where the result is to be start + tau rate; start is a state, and
-        may be the result.  base: a state at which the tangent is taken; its array is kept.
-        fluid_only: the rates of wind and depth alone, also for vectors of nothing else.
+        stage: (start, tau [s]) if the result is to be start + tau rate; start is a state, and may
+        be the result. base: a state at which the tangent is taken; its array is kept. fluid_only:
+        the rates of wind and depth alone, also for vectors without other fields.
         """
         step = None
         if stage is not None:
@@ -229,7 +228,7 @@ class Model(DiscreteScene):
 
     @cached_property
     def dissipative_tendency(self) -> Operator:
-        """The dissipation alone, for schemes that step it apart: (state, out)."""
+        """The dissipation alone, for schemes that step it separately: (state, out)."""
         return self.right_hand_side("dissipative").at_start
 
     @cached_property
@@ -250,7 +249,7 @@ class Model(DiscreteScene):
         return spectral_radius(self, self.initial_state(), penalty, "penalising")
 
     def penalise(self, x: wp.array, tau: float, out: wp.array, start: wp.array) -> None:
-        """Make the wind of `out` that of `start` plus tau [s] times the edge penalty at x."""
+        """Set the wind of `out` to that of `start` plus tau [s] times the edge penalty at x."""
         base, source = self.parameters.get("base"), x
         if base is not None:
             source = self.room("difference")
@@ -259,7 +258,7 @@ class Model(DiscreteScene):
         self.edge_penalty(source, tau, out, start)
 
     def jacobian(self) -> Jacobian:
-        """Return a Jacobian to be kept and brought to one state after the other by `update`."""
+        """Return a Jacobian that `update` moves from state to state."""
         if self._jacobian == "difference" or not all(e.differentiable for e in self.scene.effects):
             return DifferenceJacobian(self, self.names, self.tendency)
         needed = self.tracers is not None or needs_base(self)
@@ -271,13 +270,13 @@ class Model(DiscreteScene):
         return self.jacobian().update(state, t)
 
     def spectrum(self, state: wp.array, t: float = 0.0) -> Spectrum:
-        """Extent of the spectrum of the Jacobian at a state, which limits explicit steps [s-1]."""
+        """Return the extent [s-1] of the Jacobian's spectrum, which limits explicit steps."""
         waves = self.right_hand_side("conservative", fluid_only=True, counted=False)
         wave = spectral_radius(self, state, lambda x, out: waves(x, t, out))
         return Spectrum(wave, self.dissipation_radius(state))
 
     def dissipation_radius(self, state: wp.array) -> float:
-        """Largest damping rate of all dissipation at a state [s-1]."""
+        """Return the largest damping rate of all dissipation at a state [s-1]."""
         if not self.dissipative:
             return 0.0
         operator = self.right_hand_side("dissipative", fluid_only=True).at_start
@@ -288,7 +287,7 @@ class Model(DiscreteScene):
         return self.parameters.get("base", state)
 
     def mean_source(self, t: float) -> float:
-        """Mean of the prescribed rate of change of depth at time t [m s-1], which moves mass."""
+        """Return the mean prescribed rate of change of depth at time t [m s-1]."""
         self.forcing.set_time(t)
         return self.forcing.mean_of_depth
 

@@ -1,4 +1,4 @@
-"""The continuity and the momentum equation stepped one after the other, in a pass each."""
+"""The continuity and the momentum equation stepped in turn, one pass each."""
 
 from dataclasses import replace
 from typing import Any
@@ -27,13 +27,13 @@ Levels = tuple[wp.array, ...]
 
 
 class Passes:
-    """Steps depth and tracers, or the wind, with the other one held, by explicit Euler steps.
+    """Steps depth and tracers, or the wind, by explicit Euler steps, while the other is held.
 
-    What the equations are evaluated at are combinations of time levels, which each pass leaves for
-    those to come: the masses of `carried`, and in `pushed` the wind that moves them and turns, with
-    the depth whose slope pushes it.  Both have the size of a state; for linearised dynamics they
-    are differences to the base.  Under a prescribed wind there is no wind to step.  A mass flux
-    that the model sums up is that of the depth's own step.
+    The equations are evaluated at combinations of time levels, which each pass stores for later
+    passes: `carried` holds the masses, and `pushed` the wind that moves and turns them, with the
+    depth whose slope accelerates it. Both have the size of a state; in linearised dynamics they are
+    differences from the base. A prescribed wind is not stepped. A mass flux that the model
+    accumulates is that of the depth's own step.
     """
 
     def __init__(self, model: Model) -> None:
@@ -88,27 +88,27 @@ class Passes:
         model.launch.load(*(kernel for kernel in wanted if kernel is not None))
 
     def weights(self, *numbers: float) -> Any:
-        """Return the weights of three time levels in the form that the passes take."""
+        """Return the weights of three time levels in the format of the passes."""
         return wp.types.vector(3, self._real)(*numbers)
 
     def damp(self, state: wp.array) -> None:
-        """Take the dissipation, which is added to all rates from now on, at a state."""
+        """Compute the dissipation at a state, which is added to all rates from now on."""
         if self._model.dissipative:
             self._model.dissipative_tendency(state, self._loss)
 
     def step_depth(
         self, t: float, tau: float, levels: Levels, out: wp.array, flows: Any, mixes: Any
     ) -> None:
-        """out = now + tau (rate of depth and tracers at `carried` and time t [s]).
+        """Set out = now + tau (rate of depth and tracers at `carried` and time t [s]).
 
-        levels: now, past; flows: weights of (out, now, past) in the masses of `carried`; mixes: in
-        the depth of `pushed`.
+        levels: now, past; flows: weights of (out, now, past) in the masses of `carried`; mixes: the
+        weights in the depth of `pushed`.
         """
         model, mesh, size = self._model, self._mesh, self._mesh.size
         model.counters["rhs_evaluations"] += 1
         model.set_time(t)
         step = self._step_of(tau, levels, out, flows, mixes)
-        if self._flux is not None:  # before the elements change what they carry
+        if self._flux is not None:  # before the elements change `carried`
             self._flux.carry(self.pushed, self.carried, self._crossing)
             of_now, rate, of_out = (x[self._flux.first :] for x in (levels[0], self._crossing, out))
             model.launch(self._add, of_now.size, of_now, rate, tau, of_out)
@@ -126,7 +126,7 @@ class Passes:
             )  # fmt: skip
 
     def step_wind(self, tau: float, levels: Levels, out: wp.array, turns: Any) -> None:
-        """out = now + tau (rate of the wind at `pushed`), at the time of the depth's last step.
+        """Set out = now + tau (rate of the wind at `pushed`), at the time of the last depth step.
 
         levels: now, past; turns: weights of (out, now, past) in the winds of `pushed`.
         """
@@ -159,7 +159,7 @@ class Passes:
         return self._steps[key]
 
     def prepare(self, levels: Levels, masses: Any, winds: Any) -> None:
-        """Make `carried` and `pushed` anew from (now, past, older), with those weights of them."""
+        """Compute `carried` and `pushed` again from (now, past, older) with the given weights."""
         size, moving = self._model.size, self._first * self._mesh.size
         jobs = [(size - moving, moving, masses, self.carried)]
         if self._moves:
@@ -168,11 +168,11 @@ class Passes:
             self._model.launch(self._combine, count, first, *levels, weights, self._shift, out)
 
     def follow(self, change: wp.array, winds: Any) -> None:
-        """Make `carried` and `pushed` those of a changed wind (2N,) of the present level."""
+        """Update `carried` and `pushed` for a changed wind (2N,) of the present level."""
         for out in (self.carried, self.pushed):
             self._model.launch(self._add, change.size, out, change, winds[0], out)
 
     @property
     def _shift(self) -> wp.array:
-        """The base of linearised dynamics, or another array, which is not read then."""
+        """The base of linearised dynamics, or otherwise an array that is not read."""
         return self._loss if self._base is None else self._base

@@ -25,7 +25,7 @@ from swe_sphere.operators.replay import Replay
 from swe_sphere.operators.tendency import pointwise_operator
 
 Operator = Callable[[wp.array, wp.array], None]
-"""operator(x, out) writes to `out`, another array, what it makes of the state x."""
+"""Function operator(x, out) that writes its result at the state x to `out`, another array."""
 
 
 class Operation(NamedTuple):
@@ -33,9 +33,9 @@ class Operation(NamedTuple):
 
     operator: Operator
     source: wp.array | None = None
-    """None: the state."""
+    """Array to read; None for the state."""
     target: wp.array | None = None
-    """None: the result."""
+    """Array to write; None for the result."""
 
 
 COMPONENTS: Mapping[str, str | None] = {
@@ -52,19 +52,20 @@ hyperviscosity in "dissipative", and "penalising" the edge penalty.  "tangent" i
 
 @dataclass(frozen=True, eq=False)
 class RightHandSide:
-    """rhs(x, t, out): out = F(x, t), or start + tau F(x, t) for a stage (start, tau) of a step.
+    """Computes out = F(x, t), or start + tau F(x, t) for a stage (start, tau) of a step.
 
-    F is one of `COMPONENTS`.  In linearised dynamics all components are derivatives at the base of
-    the scene, and are applied to the difference of x from that base.
+    F is one of `COMPONENTS`. In linearised dynamics all components are derivatives at the base of
+    the scene, applied to the difference of x from that base. An instance is called as rhs(x, t,
+    out).
     """
 
     operations: tuple[Operation, ...]
     """The operations in the order in which they are launched."""
     prescribed: tuple[PrescribedFields, ...]
-    """The fields that have to be brought to the time t [s]."""
+    """The fields to update to the time t [s]."""
     counters: dict[str, int]
     counter: str | None
-    """The counter that each evaluation adds 1 to; None where nothing is counted."""
+    """Counter that each evaluation increases by 1; None if there is none."""
     replay: Replay
 
     def __call__(self, x: wp.array, t: float, out: wp.array) -> None:
@@ -88,7 +89,7 @@ def fluid_operations(
 ) -> list[Operation]:
     """Return the operations on wind and depth of a component.
 
-    base: of a tangent, as for `RightHandSide`; stage: a `stage_struct`, or None.
+    base: the base of a tangent, as for `RightHandSide`; stage: a `stage_struct`, or None.
     """
     terms = element_terms(model.scene, component)
     point = pointwise_terms(model.scene, component, model.parameters)
@@ -129,9 +130,9 @@ def term_operations(
     model: DiscreteScene, terms: Terms, point: Pointwise = NO_POINTWISE,
     given: Mapping[str, Any] | None = None, stage: Any = None, source: wp.array | None = None,
 ) -> list[Operation]:  # fmt: skip
-    """Return the operations of compiled terms; hyperviscosity takes a Laplacian first.
+    """Return the operations of compiled terms; hyperviscosity computes a Laplacian first.
 
-    given: parameters in the place of those of the model.
+    given: parameters that replace those of the model.
     """
     mesh, launch = model.device_mesh, model.launch
     parameters = model.parameters | dict(given or {})
@@ -204,7 +205,7 @@ def _point_term(effect: PointwiseEffect, known: Mapping[str, Any], tangent: bool
 
 
 def _read_around(formula: Callable[..., Any], *callers: Any) -> tuple[object, ...]:
-    """Return what a formula, and functions of Warp in it, read from the code around them."""
+    """Return the values of the surrounding scope that a formula and its Warp functions read."""
     around, known = inspect.getclosurevars(formula), (None, formula, *callers)
     return tuple(
         (name, _read_around(value.func, formula, *callers))

@@ -1,4 +1,4 @@
-"""A scene: the data and formulas of one test case, and its effects as the user sets them."""
+"""A scene: the data and formulas of one test case, with its effects as set by the user."""
 
 import re
 import sys
@@ -21,24 +21,24 @@ __all__ = [
 ]  # fmt: skip
 
 Scalar = Callable[[Array, Array], Array]
-"""(lon, lat) [rad] -> one value a point."""
+"""Function (lon, lat) [rad] -> one value per point."""
 State = Callable[[Array, Array], tuple[Array, Array, Array]]
-"""(lon, lat) [rad] -> eastward wind, northward wind [m s-1], fluid depth [m]."""
+"""Function (lon, lat) [rad] -> eastward wind, northward wind [m s-1], fluid depth [m]."""
 UnsteadyState = Callable[[Array, Array, float], tuple[Array, Array, Array]]
-"""(lon, lat, t) [rad, rad, s] -> eastward wind, northward wind [m s-1], fluid depth [m]."""
+"""Function (lon, lat, t) [rad, rad, s] -> eastward, northward wind [m s-1], fluid depth [m]."""
 Rates = Callable[[Array, Array, float], tuple[Array, Array, Array]]
-"""(lon, lat, t) [rad, rad, s] -> rates of change of the winds [m s-2] and of depth [m s-1]."""
+"""Function (lon, lat, t) [rad, rad, s] -> rates of change of winds [m s-2] and depth [m s-1]."""
 UnsteadyTracers = Callable[[Array, Array, float], Mapping[str, Array]]
-"""(lon, lat, t) [rad, rad, s] -> mixing ratios by name."""
+"""Function (lon, lat, t) [rad, rad, s] -> mixing ratios by name."""
 Wind = Callable[[Array, Array, float], tuple[Array, Array]]
-"""(lon, lat, t) [rad, rad, s] -> eastward wind, northward wind [m s-1]."""
+"""Function (lon, lat, t) [rad, rad, s] -> eastward wind, northward wind [m s-1]."""
 Parameter = float | bool | str
-"""Value of a scene parameter: a number (also a whole one), a switch, a word or a path."""
+"""Value of a scene parameter: a number, a boolean, a word or a path."""
 
 MOST_ELEMENTS = 10**6
-"""More along an edge of the cube are a slip of the pen."""
+"""Largest accepted number of elements along an edge of the cube; more must be a typing error."""
 LONGEST_DAYS = 1e9
-"""A run that is longer is one, too [days]."""
+"""Largest accepted length of a run [days]; more must be a typing error."""
 
 KINDS: Mapping[str, type] = {
     "name": str, "title": str, "reference": str, "error_field": str,
@@ -53,12 +53,12 @@ FIELDS = ("bottom", "coriolis", "equilibrium")
 
 @dataclass(frozen=True)
 class Scene:
-    """A test case: its initial state, its effects, and its exact solution where one is known.
+    """A test case: its initial state, its effects, and its exact solution if one is known.
 
     All functions take arrays of equal shape and return arrays of that shape, or numbers, which hold
-    everywhere. They must be finite everywhere (NaN of the exact ones says that nothing is known);
-    each checks what it returns whenever it is called, and raises ConfigError. At a pole the wind is
-    meant in the frame of the longitude given (the meshes here give 0), so east = (-sin lon,
+    everywhere. Values must be finite everywhere (NaN of an exact solution means that it is
+    unknown); each function checks its results at every call and raises ConfigError. At a pole the
+    wind refers to the frame of the given longitude (the meshes here give 0), so east = (-sin lon,
     cos lon, 0) and north = (-sin lat cos lon, -sin lat sin lon, cos lat).
 
     Examples:
@@ -72,17 +72,17 @@ class Scene:
         >>> abs(Simulation(drop, ne=3).run(days=0.25)["mass_drift"]) < 1e-14
         True
 
-    Raises ConfigError where the functions do not go with the effects, a value is of the wrong
-    type, or a number is out of range.
+    Raises ConfigError if the functions do not match the effects, a value is of the wrong type, or a
+    number is out of range.
     """
 
     name: str
     effects: tuple[Effect, ...]
     initial: State
     title: str = ""
-    """Title of files and pages; empty: the name."""
+    """Title of files and pages; the name if empty."""
     reference: str = ""
-    """The paper, with its DOI."""
+    """Paper that defines the case, with its DOI."""
     ne: int = 16
     """Recommended number of elements along the edge of a cube face."""
     np: int = 4
@@ -92,31 +92,31 @@ class Scene:
     planet: Planet = EARTH
     exact: UnsteadyState | None = None
     bottom: Scalar | None = None
-    """Height of the bottom [m]; there if and only if the scene has orography."""
+    """Height of the bottom [m]; set if and only if the scene has orography."""
     coriolis: Scalar | None = None
-    """Coriolis parameter [s-1], only with rotation; None: that of the planet, 2 Ω sin θ."""
+    """Coriolis parameter [s-1], only with rotation; None for the planet's, 2 Ω sin θ."""
     wind: Wind | None = None
-    """The wind, if and only if it is prescribed."""
+    """Prescribed wind; set if and only if the wind is prescribed."""
     steady_wind: bool = False
     """True if the prescribed wind is the same at all times; it is then evaluated once."""
     forcing: Rates | None = None
-    """Rates of change whatever the state is; there if and only if the scene has forcing."""
+    """Rates of change independent of the state; set if and only if the scene has forcing."""
     steady_forcing: bool = False
     """True if the forcing is the same at all times; it is then evaluated once."""
     base: State | None = None
-    """The flow that the dynamics are linearised about, if and only if they are."""
+    """Flow of the linearisation; set if and only if the dynamics are linearised."""
     equilibrium: Scalar | None = None
-    """Depth [m] that relaxation pulls to, if and only if there is relaxation."""
+    """Depth [m] to which relaxation leads; set if and only if there is relaxation."""
     tracers: Mapping[str, Scalar] | None = None
-    """Initial mixing ratios by name, in any unit; there if and only if the scene has tracers."""
+    """Initial mixing ratios by name, in any unit; set if and only if the scene has tracers."""
     exact_tracers: UnsteadyTracers | None = None
     """Function that returns the exact tracers at a time; NaN at times without a solution."""
     error_field: str = "h"
     """Errors of height are those of the fluid depth ("h") or of the free surface ("surface")."""
     sheds_waves: bool = False
-    """True if the initial state sheds gravity waves, so that depth alone does not rank steppers."""
+    """True if the initial state radiates gravity waves: depth alone then cannot rank steppers."""
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
-    """The scene parameters (alpha, ...) this scene was made with."""
+    """Parameters (alpha, ...) with which this scene was built."""
 
     def __post_init__(self) -> None:
         _refuse(self, _wrong_kinds)
@@ -144,17 +144,17 @@ class Scene:
         return self.wind is not None and all(effect.degree == 1 for effect in self.effects)
 
     def effect(self, name: str) -> Effect | None:
-        """The effect of that name, None where the scene does not have it."""
+        """Return the effect of that name, or None if the scene does not have it."""
         return next((effect for effect in self.effects if effect.name == name), None)
 
     def with_effect(self, effect: Effect) -> Self:
-        """The scene with the effect added, or put in the place of the one of the same name.
+        """Return the scene with the effect added; it replaces an effect of the same name.
 
-        An effect that vanishes (a viscosity of zero) is left out instead.  Relaxation of a scene
-        without equilibrium is to the initial depth.  What was exact is not exact with drag,
+        An effect that vanishes (a viscosity of zero) is removed instead. Relaxation of a scene
+        without equilibrium is to the initial depth. An exact solution is dropped with drag,
         relaxation or a user-defined effect; diffusion counts as an error of the discretisation.
 
-        Raises ConfigError where `effect` is no effect.
+        Raises ConfigError if `effect` is not an effect.
         """
         if isinstance(effect, type) or not hasattr(effect, "absent"):
             return replace(self, effects=(*self.effects, effect))  # whose check states the mistake
@@ -172,16 +172,16 @@ class Scene:
         return replace(self, **changes)
 
     def check_answers(self, lon: Array, lat: Array) -> None:
-        """ConfigError now, and not when errors are first taken, if what is exact cannot be had."""
+        """Raise ConfigError now, not at the first error norms, if the exact solution fails."""
         for known in (self.exact, self.exact_tracers):
             if known is not None:
                 known(lon, lat, 0.0)
 
     def without_effect(self, name: str) -> Self:
-        """The scene without the effect of that name and the function that it needs.
+        """Return the scene without the effect of that name and the function that it needs.
 
-        What was exact with one of the scene's own effects is not exact without it.  Raises
-        ConfigError where the scene does not have the effect.
+        Without one of its effects a scene has no exact solution. Raises ConfigError if the scene
+        does not have the effect.
         """
         effect = self.effect(name)
         if effect is None:
@@ -196,7 +196,7 @@ class Scene:
         return replace(self, **changes)
 
     def lacks(self, name: str) -> ConfigError:
-        """The error for an effect that the scene does not have."""
+        """Return the error for an effect that the scene does not have."""
         has = ", ".join(effect.name for effect in self.effects)
         return ConfigError(f"{self.name} has no effect {name!r}; it has {has}")
 
@@ -204,18 +204,18 @@ class Scene:
 def apply_settings(scene: Scene, settings: object) -> Scene:
     """Return the scene with the parameters of its effects from settings.
 
-    settings: what `read_settings` reads; settings of the scene itself and of the stepper are
-    skipped.  Raises ConfigError as `with_parameters` does.
+    settings: the result of `read_settings`; settings of the scene itself and of the stepper are
+    skipped. Raises ConfigError as `with_parameters` does.
     """
     owners = by_owner(read_settings(settings))
     return with_parameters(scene, {k: v for k, v in owners.items() if k not in (SCENE, STEPPER)})
 
 
 def with_parameters(scene: Scene, effects: Mapping[str, Mapping[str, object]]) -> Scene:
-    """The scene with these parameters of its effects; text is read as a value.
+    """Return the scene with these parameters of its effects; text is read as a value.
 
     Dissipation may be switched on (and, by zero, off) for any scene; the parameters of other
-    effects can be changed only where the scene has the effect.  Raises ConfigError for a value that
+    effects can be changed only if the scene has the effect. Raises ConfigError for a value that
     cannot be read, and for an unknown name.
     """
     for name, values in effects.items():
@@ -224,7 +224,7 @@ def with_parameters(scene: Scene, effects: Mapping[str, Mapping[str, object]]) -
 
 
 def _configured(scene: Scene, name: str, given: Mapping[str, object]) -> Effect:
-    """The effect `name` of the scene, or a new one, with the parameters given."""
+    """Return the effect `name` of the scene, or a new one, with the given parameters."""
     present = scene.effect(name)
     if present is None and name not in EFFECTS:
         raise unknown_name("effect", name, {effect.name: 0 for effect in scene.effects} | EFFECTS)
@@ -276,7 +276,7 @@ def _wrong_kinds(scene: Scene) -> Iterator[str]:
 
 
 def _wrong_effects(scene: Scene) -> Iterator[str]:
-    """An effect and the function it calls for come together or not at all."""
+    """Yield faults of effects and functions that need each other and do not come together."""
     names = [effect.name for effect in scene.effects]
     if len(set(names)) < len(names):
         yield f"an effect is listed twice: {', '.join(names)}"
@@ -294,7 +294,7 @@ def _wrong_effects(scene: Scene) -> Iterator[str]:
 
 
 def _wrong_formulas(scene: Scene, effect: PointwiseEffect) -> Iterator[str]:
-    """Faults of an effect that may be the user's own."""
+    """Yield faults of an effect, which may be user-defined."""
     label = f"effect {effect.name!r}"
     if EFFECTS.get(effect.name, type(effect)) is not type(effect):
         yield f"{label} has the name of one of the package; choose another"
@@ -314,7 +314,7 @@ def _wrong_formulas(scene: Scene, effect: PointwiseEffect) -> Iterator[str]:
 
 
 def _wrong_tracers(scene: Scene) -> Iterator[str]:
-    """Names of tracers become names of variables in files."""
+    """Yield faults in the names of tracers, which become names of variables in files."""
     tracers: object = scene.tracers
     if tracers is None:
         if scene.exact_tracers is not None:
@@ -348,6 +348,6 @@ def _wrong_numbers(scene: Scene) -> Iterator[str]:
 
 
 def is_finite(value: Any) -> bool:
-    """Return True for finite numbers, but not for switches or numbers too large for a float."""
+    """Return True for finite numbers, but not for booleans or numbers too large for a float."""
     number = isinstance(value, Real) and not isinstance(value, bool)
     return number and bool(abs(value) <= sys.float_info.max)

@@ -1,4 +1,4 @@
-"""The functions of a scene, checked whenever they are evaluated: callers get arrays that fit."""
+"""The functions of a scene with checks at each evaluation, so that callers get sound arrays."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ RETURNS: Mapping[str, tuple[str, ...]] = {
 
 
 def checked_functions(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The functions of a scene by the names of its attributes, each made to check its results.
+    """Return the functions of a scene by attribute name, wrapped so that they check their results.
 
-    given: the attributes of the scene by name.  Raises ConfigError for one that is no function.
+    given: the attributes of the scene by name. Raises ConfigError for one that is not a function.
     """
     scene, tracers, exact = given["name"], given["tracers"], given["exact_tracers"]
     functions: dict[str, Any] = {
@@ -46,15 +46,15 @@ def checked_functions(given: Mapping[str, Any]) -> dict[str, Any]:
 class _Function:
     """A function of (lon, lat) [rad], or of (lon, lat, t) [rad, rad, s].
 
-    It returns float64 arrays of the shape that lon and lat have together; numbers, and whatever
-    else broadcasts to that shape, is broadcast.  Raises ConfigError, with the names of scene and
-    field, for a function that fails and for anything but finite real numbers of that shape.
+    It returns float64 arrays of the broadcast shape of lon and lat; numbers and smaller arrays are
+    broadcast. Raises ConfigError, with the names of scene and field, for a function that fails and
+    for anything but finite real numbers of that shape.
     """
 
     label: str
     function: Callable[..., Any]
     names: tuple[str, ...] = ()
-    """Names of the returned fields; empty for a single field."""
+    """Names of the fields that it returns; empty for a single field."""
     may_be_nan: bool = False
     """True if NaN may stand for unknown values."""
     by_name: bool = False
@@ -70,7 +70,7 @@ class _Function:
         return guarded(self.label, self._evaluated, np.asarray(lon), np.asarray(lat), *time)
 
     def _evaluated(self, lon: Array, lat: Array, *time: float) -> Any:
-        with np.errstate(all="ignore"):  # what comes of it is checked
+        with np.errstate(all="ignore"):  # the result is checked
             result = self.function(lon, lat, *time)
         lon, lat = np.broadcast_arrays(lon, lat)
         if not self.names:
@@ -88,7 +88,7 @@ class _Function:
         return fields if self.by_name else tuple(fields.values())
 
     def _named(self, result: Any) -> dict[str, Any] | str:
-        """The fields by name, or what was found in their place."""
+        """Return the fields by name, or a description of any other result."""
         if not isinstance(result, Mapping if self.by_name else Iterable):
             return type(result).__name__
         if self.by_name:
@@ -104,7 +104,7 @@ def fitted(label: str, original: Any, lon: Array, lat: Array, may_be_nan: bool =
     Raises ConfigError for anything but finite real numbers that broadcast to that shape.
     """
     values = np.asanyarray(original)
-    if values.dtype.kind not in "fiub":  # real numbers, or switches that stand for 0 and 1
+    if values.dtype.kind not in "fiub":  # real numbers, or booleans that stand for 0 and 1
         kind = type(original).__name__ if values.ndim == 0 else f"an array of {values.dtype}"
         raise ConfigError(f"{label} must be real numbers, not {kind}")
     values = values.astype(np.float64, copy=False)

@@ -1,4 +1,4 @@
-"""Extent of the spectrum of the discrete operator, from which stable steps follow."""
+"""Extent of the spectrum of the discrete operator, which limits stable steps."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,11 +17,11 @@ Product = Callable[[NDArray[np.floating]], Array]
 
 TOLERANCE = 1e-2
 BASIS = 16
-"""Vectors of a Krylov basis."""
+"""Number of vectors of a Krylov basis."""
 CYCLES = 20
-"""Most bases: what the last one finds is taken as it is."""
+"""Largest number of bases; the last one's result is accepted without a test."""
 INVARIANT = 1e-6
-"""Part of a product outside the basis that is no more than rounding."""
+"""Relative size of a product outside the basis below which it counts as rounding."""
 
 
 @dataclass(frozen=True)
@@ -32,18 +32,18 @@ class Spectrum:
     dissipation: float = 0.0
     wind: float = 0.0
     turning: float = 0.0
-    """What the wind has in `wave`, and the Coriolis parameter; told where a limit depends on it."""
+    """Share of the wind in `wave`, and the Coriolis parameter; set if a limit depends on them."""
 
 
 def spectral_radius(
     model: DiscreteScene, state: wp.array, operator: Operator, component: str = "conservative"
 ) -> float:
-    """Largest modulus of eigenvalues [s-1] of an operator's derivative at a state, to about 1 %.
+    """Return the largest modulus of eigenvalues [s-1] of an operator's derivative, to about 1 %.
 
-    operator: of wind and depth, and part of that component of the right-hand side.  The eigenvalue
-    is found by Arnoldi iteration on the product [F(u+d) - F(u-d)]/2, exact for a d of any size
-    where F is a quadratic polynomial of the state; else d is small.  Raises ConfigError where the
-    right-hand side is not finite.
+    operator: acts on wind and depth, as part of that component of the right-hand side. The
+    derivative is taken at `state`. Arnoldi iteration finds the eigenvalue from the product [F(u+d)
+    - F(u-d)]/2, which is exact for a d of any size if F is a quadratic polynomial of the state;
+    otherwise d is small. Raises ConfigError if the right-hand side is not finite.
     """
     degrees = [effect.degree for effect in acting(model.scene, component)]
     quadratic = all(degree is not None and degree <= 2 for degree in degrees)
@@ -62,15 +62,15 @@ def spectral_radius(
 
 
 def largest_modulus(product: Product, start: Array, tolerance: float) -> float:
-    """Modulus of the largest eigenvalue, to a relative tolerance unless that is out of reach.
+    """Return the modulus of the largest eigenvalue to a relative tolerance, unless out of reach.
 
-    Arnoldi iteration from `start` (n,), begun anew from the largest Ritz vector, in float32, which
-    rounds a thousand times less than any tolerance worth asking for.  A product that is not finite
-    gives NaN.  Ranks call this together, each with the whole of `start` and of the products.
+    Arnoldi iteration from `start` (n,), restarted from the largest Ritz vector, in float32, whose
+    rounding is a thousandth of any useful tolerance. A product that is not finite gives NaN. All
+    ranks call this function together, each with the whole of `start` and of the products.
     """
     basis = np.zeros((BASIS + 1, start.size), np.float32)
-    with one_thread():  # more threads would cut sums in other places
-        # nearer to the vector sought than the start itself
+    with one_thread():  # the split of sums depends on the number of threads
+        # nearer to the eigenvector than the start itself
         begin: NDArray[np.floating] = product(start)
         for _ in range(CYCLES):
             size = float(np.linalg.norm(begin))
@@ -92,7 +92,7 @@ def largest_modulus(product: Product, start: Array, tolerance: float) -> float:
 def _hessenberg(product: Product, basis: NDArray[np.float32]) -> Array:
     """Fill an orthonormal basis from its first vector; return the operator in it (k + 1, k).
 
-    k is less than the length of the basis where the operator maps k vectors to their span.
+    k is less than the length of the basis if the operator maps k vectors to their span.
     """
     small = np.zeros((len(basis), len(basis) - 1))
     for j in range(len(basis) - 1):
@@ -119,13 +119,13 @@ def _scaled_product(
 ) -> Product:
     """Return J d with depth as h sqrt(g/H), H its mean: waves have equal parts of wind and depth.
 
-    Of several ranks each works on its own nodes, and gets all of the product.
+    Each of several ranks computes its own nodes, and receives the whole product.
     """
     mesh = model.device_mesh
     fluid = state[: model.fluid_size]
     base = fluid.numpy().astype(np.float64)
     scale = np.ones(base.size)
-    if model.scene.wind is None:  # else the depth is alone
+    if model.scene.wind is None:  # otherwise the depth is the only field
         depth = mesh.collect(fluid[-mesh.size :]).astype(np.float64)
         mean = np.average(depth, weights=model.mesh.area)
         scale[-mesh.size :] = np.sqrt(mean / model.scene.planet.gravity)
@@ -140,7 +140,7 @@ def _scaled_product(
             np.multiply(mine, sign * step, out=room, dtype=np.float64)
             np.multiply(room, scale, out=room)
             moved.assign(np.add(base, room, out=room))
-            operator(moved, out)  # on one array: launches keep all those they are recorded with
+            operator(moved, out)  # always the same array, which recorded launches keep
         difference: Array = plus.numpy().astype(np.float64)
         difference -= minus.numpy()
         difference /= np.multiply(scale, 2.0 * step, out=room)

@@ -1,4 +1,4 @@
-"""Fields of a state behind wind and depth: tracer masses hq, or the mass flux."""
+"""Fields of a state after wind and depth: tracer masses hq, or the mass flux."""
 
 from functools import partial
 from typing import Any
@@ -30,10 +30,10 @@ def mixing_ratios(scene: Scene, mesh: Mesh) -> dict[str, Array]:
 class TracerEquations:
     """The equations of tracers: d(hq)/dt = -div(hq V) + diffusion.
 
-    The wind V is that of the state, or the prescribed one.  The equation is that of the depth with
-    hq in the place of h, term by term and rounding by rounding, so that a constant q stays
-    constant.  Diffusion acts on q (h + b), as it acts on the depth's h + b: a constant q stays
-    constant then too.  Sources of fluid bring no tracer with them.
+    The wind V is that of the state, or the prescribed one. The equation is that of the depth with
+    hq in place of h, term by term and rounding by rounding, so that a constant q stays constant.
+    Diffusion acts on q (h + b), as it acts on h + b of the depth, which also keeps a constant q.
+    Sources of fluid bring no tracer.
     """
 
     def __init__(self, model: DiscreteScene) -> None:
@@ -78,7 +78,7 @@ class TracerEquations:
         self._transport(wind, x, self.first, out, self.first, stage)
 
     def mixing_ratio(self) -> MixingRatio:
-        """Return new room for the mixing ratios of a state."""
+        """Return new arrays for the mixing ratios of a state."""
         model = self._model
         offsets = self.count, self.depth, self.first
         return MixingRatio(model.device_mesh, model.launch, *offsets)
@@ -117,7 +117,7 @@ class _Diffusion:
         self._of_field = Terms(wind=True, still=True, diffusion=diffusion, biharmonic=biharmonic)
 
     def operations(self, base: wp.array | None) -> list[Operation]:
-        """Return what adds the diffusion at a state, or its derivative at the state `base`."""
+        """Return the operations that add the diffusion at a state, or its derivative at `base`."""
         operation = self._raise
         if base is not None and self._bottom is not None:
             operation = partial(self._raise_tangent, base)
@@ -144,11 +144,11 @@ class _Diffusion:
 
 
 class MassFlux:
-    """Two blocks G (N,) [m2] in the place of tracers behind wind and depth, with dG/dt = h V.
+    """Two blocks G (N,) [m2] after wind and depth in place of tracers, with dG/dt = h V.
 
     Without dissipation and sources dh/dt = -div(dG/dt), and every scheme that combines tendencies
     and states linearly keeps h + div G to round-off: the change of G between two times is the mass
-    flux with which tracers have to be carried from one to the other.  Dissipation is no flux.
+    flux that carries tracers from one to the other. Dissipation is not a flux.
     """
 
     names = ("flux_u", "flux_v")
@@ -172,6 +172,6 @@ class MassFlux:
         return [Operation(lambda x, out: self.carry(x, x, out, stage))]
 
     def carry(self, wind: wp.array, x: wp.array, out: wp.array, stage: Any = None) -> None:
-        """out_G = h V, or the result of a stage, with the wind in front of `wind`."""
+        """Set out_G = h V, or the result of a stage, with the wind in front of `wind`."""
         size, stage = self._size, self._rate if stage is None else stage
         self._launch(self._kernel, size, wind, x, self._depth, size, self.first, stage, out)

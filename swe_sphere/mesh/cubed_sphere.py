@@ -1,18 +1,17 @@
-"""Equiangular gnomonic cubed sphere: its nodes, points and tangent vectors, and where it lies.
+"""Equiangular gnomonic cubed sphere: its nodes, points, tangent vectors and placement.
 
 With M = ne (np-1) every node of every element lies at a triple of integers in {0..M}^3 on the
 surface of the cube, so nodes shared by elements or faces are found by comparing integers.
 
-Face coordinates alpha, beta in [-pi/4, pi/4]; the cube point is P = n + tan(alpha) t1 +
-tan(beta) t2 and the sphere point P/|P| (Ronchi, Iacono & Paolucci 1996,
-doi:10.1006/jcph.1996.0047).
+Face coordinates alpha, beta in [-pi/4, pi/4]; the cube point is P = n + tan(alpha) t1 + tan(beta)
+t2 and the sphere point P/|P| (Ronchi, Iacono & Paolucci 1996, doi:10.1006/jcph.1996.0047).
 
-It is placed by a rotation, then by Schmidt stretching about its centre.  The Schmidt transformation
-(Schmidt 1977; Courtier & Geleyn 1988, doi:10.1002/qj.49711448303) is the conformal map of the
-sphere that shortens lengths s times at a centre c and lengthens them s times at its antipode.  With
-D = (s^2-1)/(s^2+1) and mu = n.c it reads n' = [(D + mu) c + sqrt(1 - D^2) (n - mu c)] / (1 + D mu);
-here numerator and denominator are multiplied by s^2 + 1 and 1 +- mu is taken as |n +- c|^2 / 2,
-which keeps all digits at the antipode.
+A rotation and then a Schmidt stretching about its centre place the cube on the sphere. The Schmidt
+transformation (Schmidt 1977; Courtier & Geleyn 1988, doi:10.1002/qj.49711448303) is the conformal
+map of the sphere that shortens lengths s times at a centre c and lengthens them s times at its
+antipode. With D = (s^2-1)/(s^2+1) and mu = n.c it reads n' = [(D + mu) c + sqrt(1 - D^2) (n - mu
+c)] / (1 + D mu). The code multiplies numerator and denominator by s^2 + 1 and computes 1 +- mu as
+|n +- c|^2 / 2, which keeps all digits at the antipode.
 """
 
 from dataclasses import dataclass
@@ -40,17 +39,17 @@ FACES: Integers = np.array(
 """The faces of the cube, (6, 3, 3): outward normal, direction of xi1, direction of xi2."""
 
 BLOCK = 16
-"""Elements whose nodes of one place in the element follow one another."""
+"""Number of elements in a block, in which nodes at the same point of each element are adjacent."""
 
 
 def _lattice(ne: int, np_: int) -> Integers:
-    """Lattice coordinate (ne, np) of node i of element a along one edge of a face."""
+    """Return the lattice coordinates (ne, np) of node i of element a along one edge of a face."""
     lattice: Integers = np.arange(ne)[:, None] * (np_ - 1) + np.arange(np_)
     return lattice
 
 
 def lattice_tangents(ne: int, points: Array) -> Array:
-    """tan(angle) (M+1,) at each lattice coordinate of a face, exactly antisymmetric, ends -1, 1."""
+    """Return tan(angle) (M+1,) at each lattice coordinate of a face, exactly antisymmetric."""
     middles = (np.arange(ne) + 0.5) / ne - 0.5
     angles = 0.5 * np.pi * (middles[:, None] + 0.5 * points / ne)
     lattice = _lattice(ne, points.size)
@@ -62,9 +61,9 @@ def lattice_tangents(ne: int, points: Array) -> Array:
 
 
 def build_cube(ne: int, points: Array) -> tuple[Int32, Array, Array]:
-    """Node numbers (E, np, np), unit vectors (N, 3) and tangents d(xyz)/d(xi) (2, E, np, np, 3).
+    """Return node numbers (E, np, np), points (N, 3) and tangents d(xyz)/d(xi) (2, E, np, np, 3).
 
-    Element number: (face * ne + place along xi1) * ne + place along xi2.
+    Points are unit vectors. Element number: (face * ne + index along xi1) * ne + index along xi2.
     """
     line, lattice = lattice_tangents(ne, points), _lattice(ne, points.size)
     face, first, second = np.indices((6, ne, ne)).reshape(3, -1)
@@ -90,8 +89,8 @@ def _number_nodes(
     """Number the nodes at face lattice coordinates: nodes inside elements, on edges, vertices.
 
     Returns the node numbers (E, np, np) and the lattice triples (N, 3) in {0..last}^3 of the nodes.
-    The separate kinds let the processor foresee how many contributors DSS adds up at a node; within
-    a kind the order in which nodes first appear keeps those of an element together in memory.
+    With the kinds separate, the processor can predict how many contributors DSS adds at a node;
+    within a kind the order of first appearance keeps the nodes of an element together in memory.
     """
     normal, one, two = np.moveaxis(axes, -2, 0)
     # twice the coordinates, counted from the centre of the cube, are integers too
@@ -110,7 +109,10 @@ def _number_nodes(
 
 
 def locate(xyz: Array, ne: int) -> tuple[NDArray[np.int64], Array, Array]:
-    """Element number (T,) and xi1, xi2 in [-1, 1] (T,) of unit vectors (T, 3) of the plain cube."""
+    """Return element numbers (T,) and xi1, xi2 in [-1, 1] (T,) of unit vectors (T, 3).
+
+    The unit vectors are points of the plain cubed sphere.
+    """
     outward = xyz @ FACES[:, 0].T
     face = np.argmax(outward, axis=-1)
     height = outward[np.arange(face.size), face]
@@ -125,7 +127,7 @@ def locate(xyz: Array, ne: int) -> tuple[NDArray[np.int64], Array, Array]:
 
 
 def schmidt(n: Array, centre: Array, stretch: float) -> Array:
-    """Unit vectors n (..., 3) moved towards the unit vector centre (3,); 1/stretch undoes it."""
+    """Move unit vectors n (..., 3) towards the unit vector centre (3,); 1/stretch inverts it."""
     plus, minus = _sides(n, centre, stretch)
     across = n - (n @ centre)[..., None] * centre
     moved: Array = (plus - minus)[..., None] * centre + 2.0 * stretch * across
@@ -134,7 +136,7 @@ def schmidt(n: Array, centre: Array, stretch: float) -> Array:
 
 
 def schmidt_tangent(n: Array, moved: Array, dn: Array, centre: Array, stretch: float) -> Array:
-    """Derivative of `schmidt` at n (..., 3), moved = schmidt(n), along the tangents dn (..., 3)."""
+    """Derivative of `schmidt` at n (..., 3) along the tangents dn (..., 3); moved = schmidt(n)."""
     plus, minus = _sides(n, centre, stretch)
     dmu = (dn @ centre)[..., None]
     change: Array = (stretch**2 + 1.0) * dmu * centre + 2.0 * stretch * (dn - dmu * centre)
@@ -143,7 +145,7 @@ def schmidt_tangent(n: Array, moved: Array, dn: Array, centre: Array, stretch: f
 
 
 def _sides(n: Array, centre: Array, stretch: float) -> tuple[Array, Array]:
-    """s^2 (1 + mu) and 1 - mu, both free of cancellation; their sum is (s^2+1)(1 + D mu)."""
+    """Return s^2 (1 + mu) and 1 - mu, both free of cancellation; the sum is (s^2+1)(1 + D mu)."""
     plus = 0.5 * stretch**2 * np.sum((n + centre) ** 2, axis=-1)
     minus = 0.5 * np.sum((n - centre) ** 2, axis=-1)
     return plus, minus
@@ -175,7 +177,7 @@ class Placement:
         return np.stack([self.point, cos * east + sin * north, cos * north - sin * east], axis=1)
 
     def place(self, n: Array) -> Array:
-        """Unit vectors (..., 3) on the sphere of points n (..., 3) of the plain cubed sphere."""
+        """Map points n (..., 3) of the plain cubed sphere to unit vectors (..., 3) of the mesh."""
         n = n @ self.rotation.T
         return schmidt(n, self.point, self.stretch) if self.stretch != 1.0 else n
 
@@ -188,6 +190,6 @@ class Placement:
         return schmidt_tangent(n, moved, dn, self.point, self.stretch)
 
     def lift(self, n: Array) -> Array:
-        """The inverse of `place`, (..., 3) to (..., 3)."""
+        """Invert `place`: map unit vectors (..., 3) of the mesh to the plain cubed sphere."""
         n = schmidt(n, self.point, 1.0 / self.stretch) if self.stretch != 1.0 else n
         return n @ self.rotation

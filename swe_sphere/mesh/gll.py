@@ -12,18 +12,18 @@ from swe_sphere.arrays import Array
 
 
 def gll_points(np_: int) -> Array:
-    """The np_ Gauss-Lobatto-Legendre points (np_,), ascending, exactly antisymmetric."""
+    """Return the np_ Gauss-Lobatto-Legendre points (np_,), ascending, exactly antisymmetric."""
     last = legendre.Legendre.basis(np_ - 1)
     slope, curvature = last.deriv(), last.deriv(2)
     inner = np.sort(slope.roots().real)
-    for _ in range(3):  # the companion-matrix roots are good to 1e-14 only
+    for _ in range(3):  # the companion-matrix roots are accurate to 1e-14 only
         inner = inner - slope(inner) / curvature(inner)
     points = np.concatenate(([-1.0], inner, [1.0]))
     return 0.5 * (points - points[::-1])
 
 
 def gll_weights(points: Array) -> Array:
-    """Quadrature weights (np,) of the GLL points: 2 / (n (n-1) P_{n-1}(x)^2), summing to 2."""
+    """Return the weights (np,) of the GLL points: 2 / (n (n-1) P_{n-1}(x)^2); their sum is 2."""
     n = points.size
     values = legendre.Legendre.basis(n - 1)(points)
     values = 0.5 * (np.abs(values) + np.abs(values[::-1]))  # exactly symmetric
@@ -32,7 +32,7 @@ def gll_weights(points: Array) -> Array:
 
 
 def derivative_matrix(points: Array) -> Array:
-    """Matrix D (np, np) with (D f)_i = f'(x_i) for every polynomial f of degree np - 1.
+    """Return the matrix D (np, np) with (D f)_i = f'(x_i) for each polynomial f of degree np - 1.
 
     The diagonal is minus the sum of its row, so that constants have derivative zero.
     """
@@ -46,7 +46,7 @@ def derivative_matrix(points: Array) -> Array:
 
 
 def lagrange(points: Array, x: Array) -> Array:
-    """Cardinal functions (len(x), np) of the given nodes (np,) at the places x."""
+    """Return the cardinal functions (len(x), np) of the given nodes (np,) at the points x."""
     # the product form needs no special case where x is a node
     values = np.ones((x.size, points.size))
     for i, node in enumerate(points):

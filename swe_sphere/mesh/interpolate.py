@@ -1,4 +1,4 @@
-"""Spectral-element interpolation of nodal fields to any points of the sphere."""
+"""Spectral-element interpolation of nodal fields to arbitrary points of the sphere."""
 
 from __future__ import annotations  # scipy.sparse is loaded where it is used
 
@@ -16,18 +16,18 @@ from swe_sphere.mesh.mesh import Mesh
 from swe_sphere.mesh.sphere import frame, position
 
 TILE = 20_000
-"""Points whose matrix is made at once, which bounds its memory."""
+"""Number of points per matrix, which bounds its memory."""
 
 MOST_ENTRIES = 16_000_000
 """Largest number of entries of the matrices that an `Interpolator` keeps (200 MB)."""
 
 
 class Interpolator:
-    """Evaluates nodal fields, as the polynomials they are in each element, at fixed points.
+    """Evaluates nodal fields, which are polynomials in each element, at fixed points.
 
-    lon, lat [rad]: arrays of one shape (any longitude).  The matrices of a tile of points at a time
-    are built; they are kept for the next field if all of them have at most `MOST_ENTRIES` entries.
-    Raises ConfigError where a coordinate is not finite or a latitude is beyond the poles.
+    lon, lat [rad]: arrays of one shape (any longitude). The matrices are built for one tile of
+    points at a time; they are kept for the next field if they have at most `MOST_ENTRIES` entries
+    together. Raises ConfigError if a coordinate is not finite or a latitude is beyond the poles.
     """
 
     def __init__(self, mesh: Mesh, lon: ArrayLike, lat: ArrayLike) -> None:
@@ -41,7 +41,7 @@ class Interpolator:
 
     @property
     def matrix(self) -> scipy.sparse.csr_array:
-        """CSR matrix (points, N) with np^2 entries a row."""
+        """CSR matrix (points, N) with np^2 entries per row."""
         return scipy.sparse.vstack([*map(self._tile, self._starts)], format="csr")
 
     def __call__(self, field: Array) -> Array:
@@ -50,16 +50,16 @@ class Interpolator:
         return values.reshape(self._lon.shape + field.shape[1:])
 
     def wind(self, u: Array, v: Array) -> tuple[Array, Array]:
-        """Eastward and northward components at the points of the nodal wind u, v (N,).
+        """Return the eastward and northward components at the points of the nodal wind u, v (N,).
 
-        Goes through Cartesian components: the components u and v themselves jump at the poles.
+        The interpolation uses Cartesian components, because u and v themselves jump at the poles.
         """
         values = self(u[:, None] * self.mesh.east + v[:, None] * self.mesh.north)
         east, north = frame(self._lon, self._lat)
         return np.sum(values * east, axis=-1), np.sum(values * north, axis=-1)
 
     def _build_tile(self, start: int) -> scipy.sparse.csr_array:
-        """Return the rows of the matrix for a tile of points, the first of which is `start`."""
+        """Return the rows of the matrix for the tile of points that begins at `start`."""
         mesh = self.mesh
         lon, lat = (x.ravel()[start : start + TILE] for x in (self._lon, self._lat))
         element, xi1, xi2 = cubed_sphere.locate(mesh.placement.lift(position(lon, lat)), mesh.ne)

@@ -14,16 +14,16 @@ from swe_sphere.mesh.sphere import frame, longitude_latitude, snap_poles
 from swe_sphere.planet import EARTH
 
 LARGEST_STRETCH = 100.0
-"""Beyond this the side away from the centre has next to no nodes left."""
+"""Largest stretch; beyond it almost no nodes remain on the side away from the centre."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mesh:
-    """Spectral elements on the equiangular cubed sphere; make one with `Mesh.build`.
+    """Spectral elements on the equiangular cubed sphere; built by `Mesh.build`.
 
-    E = 6 ne^2 elements of np x np Gauss-Lobatto-Legendre nodes, N = 6 (ne (np-1))^2 + 2 nodes
-    counted once.  Element node (e, i, j): i along xi1, j along xi2, both on [-1, 1];
-    (xi1, xi2, outward) is right-handed.  The arrays are read-only.
+    E = 6 ne^2 elements of np x np Gauss-Lobatto-Legendre nodes, N = 6 (ne (np-1))^2 + 2 unique
+    nodes. Element node (e, i, j): i along xi1, j along xi2, both on [-1, 1]; (xi1, xi2, outward) is
+    right-handed. The arrays are read-only.
 
     Examples:
         >>> from swe_sphere import Mesh
@@ -33,9 +33,9 @@ class Mesh:
     """
 
     ne: int
-    """Elements along an edge of the cube."""
+    """Number of elements along an edge of the cube."""
     np: int
-    """GLL nodes along an edge of an element."""
+    """Number of GLL nodes along an edge of an element."""
     radius: float
     """Radius of the sphere [m]."""
     stretch: float
@@ -43,7 +43,7 @@ class Mesh:
     centre: tuple[float, float]
     """Longitude and latitude [degrees] of the centre of face 0."""
     spin: float
-    """Turn of the cube about the centre [degrees], anticlockwise."""
+    """Rotation of the cube about the centre [degrees], anticlockwise."""
     gll_points: Array
     """(np,) points on [-1, 1]."""
     gll_weights: Array
@@ -82,12 +82,12 @@ class Mesh:
         centre: tuple[float, float] = (0.0, 0.0),
         spin: float = 0.0,
     ) -> "Mesh":
-        """The cubed sphere of 6 ne^2 elements with np x np GLL nodes each.
+        """Build the cubed sphere of 6 ne^2 elements with np x np GLL nodes each.
 
-        radius [m]; centre = (lon, lat) [degrees] is where the centre of cube face 0 goes; spin
-        [degrees] turns the cube anticlockwise about that point; stretch refines the mesh there
-        (and coarsens it at the antipode) by that factor.  Raises ConfigError for a number out of
-        range.
+        radius [m]; centre = (lon, lat) [degrees] is the position of the centre of cube face 0; spin
+        [degrees] rotates the cube anticlockwise about that point; stretch is the factor by which
+        the mesh is refined there (and coarsened at the antipode). Raises ConfigError for a number
+        out of range.
         """
         try:
             ne, np = operator.index(ne), operator.index(np)
@@ -144,10 +144,10 @@ class Mesh:
     def cell_corners(self) -> tuple[Array, Array]:
         """Longitude and latitude (N, 4) [rad] of the corners of each node's cell, anticlockwise.
 
-        Each sub-quad of an element holds one corner, where the reference square is cut in
-        proportion to the quadrature weights: the cell of a node is then, on a square element, as
-        large as its weight says.  The cells cover the sphere; edges are great circles.  At the
-        corners of the cube a cell has three corners, of which the last is given twice.
+        Each sub-quad of an element contains one corner, which cuts the reference square in
+        proportion to the quadrature weights: on a square element the area of a cell is then its
+        node's weight. The cells cover the sphere; edges are great circles. At the corners of the
+        cube a cell has three corners, of which the last is given twice.
         """
         cuts = np.cumsum(self.gll_weights)[:-1] - 1.0
         at = gll.lagrange(self.gll_points, cuts)
@@ -155,7 +155,7 @@ class Mesh:
         inside /= np.linalg.norm(inside, axis=1)[:, None]
         quads = self.quads()
         turn = np.empty(quads.shape)
-        for k, node in enumerate(quads.T):  # one after the other: large meshes
+        for k, node in enumerate(quads.T):  # one at a time, to save memory on large meshes
             away = inside - self.xyz[node]
             north, east = (np.einsum("qx,qx->q", away, x[node]) for x in (self.north, self.east))
             turn[:, k] = np.arctan2(north, east)
@@ -168,11 +168,11 @@ class Mesh:
 
     @property
     def quadrature(self) -> Array:
-        """(np, np) quadrature weights of the nodes of an element on [-1, 1]^2."""
+        """Quadrature weights (np, np) of the nodes of an element on [-1, 1]^2."""
         return np.outer(self.gll_weights, self.gll_weights)
 
     def spacing(self) -> tuple[float, float]:
-        """Smallest and largest over the elements of the mean node spacing [m].
+        """Smallest and largest mean node spacing of the elements [m].
 
         The mean spacing of an element is the root of its area over np - 1.
         """

@@ -11,14 +11,14 @@ from swe_sphere.mesh.cubed_sphere import BLOCK, FACES, Integers
 from swe_sphere.mesh.mesh import Mesh
 
 PATH = ((0, 0), (1, 0), (2, 0), (5, 1), (3, 5), (4, 0))
-"""Faces in the order of the curve, and the turn of each: 1 swaps the coordinates, 2 and 4 then
-reverse the first and the second.  The curve enters each face where it left the face before."""
+"""Faces in the order of the curve, each with an orientation: 1 swaps the coordinates, 2 and 4 then
+reverse the first and the second.  The curve enters each face where it left the previous face."""
 
 
 def curve(ne: int) -> Integers:
     """Return the numbers (E,) of the elements in their order along a Hilbert curve.
 
-    Where ne is no power of two, the curve of the next larger power is used, with gaps: some of its
+    If ne is not a power of two, the curve of the next larger power is used with gaps: some of its
     steps are then longer than one element.
     """
     first, second = np.indices((ne, ne)).reshape(2, -1)
@@ -33,7 +33,7 @@ def curve(ne: int) -> Integers:
 
 
 def rings(ne: int) -> Integers:
-    """Return the numbers (E,) of the elements in rings, each of which touches two others only.
+    """Return the numbers (E,) of the elements in rings, each of which touches only two others.
 
     Rings are squares about the centre of face 5, belts around faces 0 to 3, and squares about the
     centre of face 4; each begins at the same longitude and runs eastward.
@@ -48,7 +48,7 @@ def rings(ne: int) -> Integers:
 
 
 def _hilbert(x: Integers, y: Integers, side: int) -> Integers:
-    """Return the places of cells x, y of a square along a Hilbert curve; side is a power of two.
+    """Return the positions of cells x, y of a square along a Hilbert curve; side is a power of two.
 
     The curve runs from one end of the first coordinate to the other.
     """
@@ -66,17 +66,17 @@ def _hilbert(x: Integers, y: Integers, side: int) -> Integers:
 
 
 CHUNKS = 512
-"""Approximate number of chunks of a mesh, which are dealt out to ranks and summed up one by one."""
+"""Approximate number of chunks of a mesh, which are assigned to ranks and summed one by one."""
 MOST = 4 * BLOCK
-"""Most elements of a chunk: meshes from ne 74 on have more than CHUNKS chunks."""
+"""Largest number of elements of a chunk: meshes from ne 74 on have more than CHUNKS chunks."""
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
     """Elements and nodes of one rank, both numbered from zero on the rank.
 
-    A node on the rim is held by every rank whose elements touch it.  Each of these ranks sums up
-    all contributors in the order of the whole mesh, so that they keep the same bits.
+    A node on the rim belongs to the parts of all ranks whose elements touch it. Each of these ranks
+    sums all contributors in the order of the whole mesh, so that the ranks compute the same bits.
     """
 
     elements: Integers
@@ -87,12 +87,12 @@ class Part:
     """(n,) numbers in the mesh: interior nodes, then edges, then vertices, each in the order of the
     elements; on large meshes in blocks of BLOCK elements as in the mesh itself."""
     node_of: NDArray[np.int32]
-    """(e, np, np) place among `nodes` of each element node."""
+    """(e, np, np) position in `nodes` of each element node."""
     counts: NDArray[np.integer]
     """(n,) number of contributors of each node."""
     contributors: NDArray[np.integer]
     """Element nodes (element np^2 + point) of this part, node by node in the order of the mesh; an
-    element node of another rank is -1 - its place among the values received."""
+    element node of another rank is -1 - its position among the received values."""
     sends: dict[int, Integers]
     """Element nodes whose values go to each neighbour."""
     receives: dict[int, int]
@@ -106,7 +106,7 @@ class Part:
 
     @cached_property
     def owned(self) -> Integers:
-        """(m,) places of the nodes that this rank owns, chunk by chunk within each kind."""
+        """Positions (m,) of the nodes that this rank owns, chunk by chunk within each kind."""
         return np.concatenate([np.arange(*span) for span in self.spans.reshape(-1, 2)])
 
 
@@ -119,7 +119,7 @@ def pieces(ne: int) -> tuple[int, int]:
 
 
 def check_ranks(ne: int, ranks: int) -> None:
-    """Raise ConfigError where a mesh has fewer chunks than there are ranks."""
+    """Raise ConfigError if a mesh has fewer chunks than there are ranks."""
     most, _ = pieces(ne)
     if ranks > most:
         raise ConfigError(
@@ -129,13 +129,13 @@ def check_ranks(ne: int, ranks: int) -> None:
 
 
 RINGED = 6 * 20**2 * 4**2
-"""Element nodes from which on a mesh is computed in rings: the caches hold no larger one."""
+"""Number of element nodes from which a mesh is computed in rings: the caches hold smaller ones."""
 
 
 def whole(mesh: Mesh, shape: str) -> Part:
-    """Return the part of a single process: the whole mesh, whose elements stand in rings if many.
+    """Return the part of a single process: the whole mesh, with its elements in rings if large.
 
-    shape: launch shape of the kernels; with a thread for each node the order is that of the mesh.
+    shape: launch shape of the kernels; with one thread per node the order is that of the mesh.
     """
     if shape == "element" and mesh.nodes.size >= RINGED:
         everything = np.array([[[0, mesh.size]]])
@@ -148,14 +148,14 @@ def whole(mesh: Mesh, shape: str) -> Part:
 
 
 class Partition:
-    """Deals the elements and nodes of a mesh out to `size` ranks, chunk by chunk along the curve.
+    """Assigns the elements and nodes of a mesh to `size` ranks, chunk by chunk along the curve.
 
-    order: (E,) numbers of the elements in another order than along the curve, for one rank.
-    A chunk owns the nodes that no chunk before it touches.
+    order: (E,) numbers of the elements in an order other than the curve's, for one rank. A chunk
+    owns the nodes that no earlier chunk touches.
     """
 
     def __init__(self, mesh: Mesh, size: int, order: Integers | None = None) -> None:
-        """Find the rank of every element; ConfigError where there are fewer chunks than ranks."""
+        """Find the rank of every element; raise ConfigError if chunks are fewer than ranks."""
         check_ranks(mesh.ne, size)
         chunks, per_chunk = pieces(mesh.ne)
         self._mesh, self._points = mesh, mesh.np**2
@@ -243,10 +243,10 @@ class Partition:
 
 
 def dissection_order(mesh: Mesh) -> Integers:
-    """Return (N,) nodes: those inside each half of the sphere, recursively, then those between.
+    """Return nodes (N,) by nested dissection: both halves of the sphere, then the nodes between.
 
-    A factorisation of a matrix that couples nodes of one element alone then fills in N log N
-    entries instead of N^1.5 (George 1973, SIAM J. Numer. Anal. 10, 345-363).
+    The factors of a matrix that couples only nodes of the same element then have N log N entries
+    instead of N^1.5 (George 1973, SIAM J. Numer. Anal. 10, 345-363).
     """
     centres = mesh.xyz[mesh.nodes].mean(axis=(1, 2))
     code = np.zeros(mesh.elements, dtype=np.int64)

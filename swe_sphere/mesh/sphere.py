@@ -1,4 +1,4 @@
-"""Longitude and latitude, the unit vectors that go with them, and splines over such grids."""
+"""Longitude and latitude, their unit vectors, and splines over longitude-latitude grids."""
 
 from collections.abc import Callable
 
@@ -9,7 +9,7 @@ from swe_sphere.arrays import Array
 
 
 def position(lon: ArrayLike, lat: ArrayLike) -> Array:
-    """Unit vectors (..., 3) of longitudes and latitudes [rad], broadcast together."""
+    """Return unit vectors (..., 3) of longitudes and latitudes [rad], broadcast together."""
     lon, lat = np.broadcast_arrays(lon, lat)
     return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=-1)
 
@@ -22,9 +22,9 @@ def angle(point: Array, other: Array) -> Array:
 
 
 def frame(lon: Array, lat: Array) -> tuple[Array, Array]:
-    """Unit vectors (east, north), each (..., 3), at longitudes and latitudes [rad].
+    """Return unit vectors (east, north), each (..., 3), at longitudes and latitudes [rad].
 
-    Defined at the poles too, where they depend on the longitude given.
+    At the poles they depend on the given longitude.
     """
     east = np.stack([-np.sin(lon), np.cos(lon), np.zeros_like(lon)], axis=-1)
     north = np.stack([-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)], axis=-1)
@@ -32,7 +32,7 @@ def frame(lon: Array, lat: Array) -> tuple[Array, Array]:
 
 
 def snap_poles(xyz: Array) -> Array:
-    """The unit vectors (..., 3), those within round-off of a pole moved exactly there."""
+    """Return unit vectors (..., 3) in which points within round-off of a pole are exactly there."""
     snapped = xyz.copy()
     at_pole = np.hypot(xyz[..., 0], xyz[..., 1]) < 1e-14
     snapped[at_pole, :2] = 0.0
@@ -51,17 +51,17 @@ def longitude_latitude(xyz: Array) -> tuple[Array, Array]:
 
 
 RIM = 8
-"""Rows and columns repeated beyond the poles and around, so that the spline knows no edges."""
+"""Number of rows and columns repeated beyond the poles and around, so that there are no edges."""
 
 
 def global_spline(
     lat: Array, lon: Array, field: Array, degree: int, sign: float = 1.0
 ) -> Callable[[Array, Array], Array]:
-    """The spline of a degree through a field (M, K), as a function of longitude and latitude [rad].
+    """Return the spline through a field (M, K), a function of longitude and latitude [rad].
 
-    lat (M,) [rad], in any order; lon (K,) [rad], evenly eastward once around, K even.  Over a pole
-    the field goes on along the opposite meridian, where east and north are turned about: sign is
-    -1 for the components of a vector.
+    lat (M,) [rad], in any order; lon (K,) [rad], evenly eastward once around, K even. Beyond a pole
+    the field continues along the opposite meridian, where east and north point the other way: sign
+    is -1 for the components of a vector.
     """
     from scipy.interpolate import RectBivariateSpline
 

@@ -1,4 +1,4 @@
-"""Discrete operators on a mesh: on the device through Warp kernels, and as sparse matrices."""
+"""Discrete operators on a mesh: Warp kernels on the device, and sparse matrices."""
 
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher, find_device

@@ -1,8 +1,8 @@
-"""Sums over the nodes of all ranks, with the same bits however many ranks there are.
+"""Sums over the nodes of all ranks that have the same bits for any number of ranks.
 
-Each chunk of nodes has its own sum, and the sums of all chunks are added along a binary tree: in
-pairs, pairs of pairs and so on.  A rank sends the sums of the largest branches that lie on it as a
-whole, of which there are few, and every rank adds them up to the same total.
+Each chunk of nodes has a separate sum, and the sums of all chunks are added along a binary tree: in
+pairs, pairs of pairs and so on. A rank sends the sums of the largest branches that lie entirely on
+it, which are few, and every rank adds them to the same total.
 """
 
 import functools
@@ -37,11 +37,11 @@ class Chunks:
         self._trees = functools.cache(self._build_trees)
 
     def room(self, width: int) -> NDArray[np.float64]:
-        """Return room (count, width) for the sums over each chunk of this rank."""
+        """Return an array (count, width) for the sums over each chunk of this rank."""
         return self._trees(width)[0][0]
 
     def total(self, width: int) -> NDArray[np.float64]:
-        """Return sums (width,) over the rooms of all ranks; they are valid until the next call."""
+        """Return the sums (width,) over these arrays of all ranks, valid until the next call."""
         (mine, add_up_mine), (everything, add_up) = self._trees(width)
         add_up_mine.launch()
         counts = [width * len(each) for each in self._branches]
@@ -54,8 +54,8 @@ class Chunks:
     def _build_trees(self, width: int) -> "list[tuple[NDArray[np.float64], wp.Launch]]":
         """Return the tree above the chunks of this rank, and the tree above all branches.
 
-        Each has its sums (n, width), and a command that adds them up in place: to those of the
-        largest branches, or to the total.
+        Each is a pair of the sums (n, width) and a command that adds them in place: to the sums of
+        the largest branches, or to the total.
         """
         (kernel,), trees = Launcher("cpu", self._comm).compile(wp.float64, tree), []
         for is_whole, nodes in enumerate((self._leaves, np.concatenate(self._branches))):

@@ -1,8 +1,8 @@
 """Damping factor of implicit diffusion, applied to the modes of each element.
 
-(I + tau D)^-1 for effects that damp waves of wavenumber k at a rate D(k), element by element: in
-the eigenfunctions of the weak Laplacian of an element without flux through its boundary, that of
-a rectangle of its mean size.
+The factor is (I + tau D)^-1 for effects that damp waves of wavenumber k at a rate D(k). It is
+applied element by element, in the eigenfunctions of the weak Laplacian of an element without flux
+through its boundary, which is treated as a rectangle of its mean size.
 """
 
 from collections.abc import Callable
@@ -18,11 +18,11 @@ from swe_sphere.operators.device_mesh import DeviceMesh, Field
 from swe_sphere.operators.launch import Launcher
 
 MOST = 5.0
-"""Of tau D, for the shortest waves: longer steps are taken for so long.  F does not commute with G
-and D, and where it leaves hardly anything of the shortest waves the multilevel cycle diverges."""
+"""Upper bound on tau D of the shortest waves, also in longer steps.  F does not commute with G and
+D, and the multilevel cycle diverges if F removes almost all of the shortest waves."""
 
 Rate = Callable[[Array], Array]
-"""Damping rates [s-1] of waves of the squared wavenumbers k^2 [m-2]."""
+"""Function from squared wavenumbers k^2 [m-2] to damping rates [s-1] of these waves."""
 
 
 class Damping:
@@ -63,16 +63,16 @@ class Damping:
         wp.copy(self._twice, self._mesh.on_elements(factor**2))
 
     def damp_twice(self, x: Field, out: Field) -> None:
-        """out = F^2 x, in every element for itself."""
+        """Set out = F^2 x in each element separately."""
         self._damp(self._twice, self._ones, x, out)
 
     def damp_depth(self, h: Field, out: wp.array) -> None:
-        """The depth of the state `out` = F h, after DSS."""
+        """Set the depth of the state `out` to F h, after DSS."""
         self._damp(self._once, self._mass, h, self._first)
         self._join(self._first, 2, out)
 
     def damp_wind(self, r: wp.array) -> wp.array:
-        """A state with the wind F V of r, after DSS, and its depth."""
+        """Return a state with the wind F V of r, after DSS, and the depth of r."""
         mesh, one, two, size = self._mesh, self._first, self._second, self._mesh.size
         self._launch(
             self._covariant, self._dim, mesh.nodes, mesh.basis, size, r, one.values, two.values

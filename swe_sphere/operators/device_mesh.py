@@ -32,10 +32,9 @@ REALS = {"float64": wp.float64, "float32": wp.float32}
 
 @dataclass(frozen=True)
 class Field:
-    """Values at the nodes of each element, or what elements leave for DSS there.
+    """Values at the nodes of each element, or local results there before DSS.
 
-    `values` (groups + 1, np*np, unknowns) of SIMD registers, and the same memory as numbers in
-    `flat`.
+    `values` (groups + 1, np*np, unknowns) are SIMD registers; `flat` is the same memory as numbers.
     """
 
     values: wp.array
@@ -45,9 +44,9 @@ class Field:
 class DeviceMesh:
     """Element data of a mesh, or of this rank's part of it, in the memory of a device.
 
-    Arrays at nodes hold one field after the other.  Arrays on element nodes have shape (groups,
+    Arrays at nodes hold one field after the other. Arrays on element nodes have shape (groups,
     np*np, ..., lanes), with `lanes` elements side by side in whole registers; the last group is
-    filled up with copies of the last element, which DSS never reads.  Metric terms are computed in
+    padded with copies of the last element, which DSS never reads. Metric terms are computed in
     float64 and only then rounded to `real`: a geometry in float32 would grow a spurious wave
     (Nakano et al. 2018, doi:10.1175/MWR-D-17-0257.1).
     """
@@ -76,22 +75,22 @@ class DeviceMesh:
         before another one is launched."""
 
     def like(self, real: Any, shape: str) -> "DeviceMesh":
-        """The same part in another number type or order."""
+        """Return the same part in another number type or order."""
         if (real, shape) == (self.real, self.shape):
             return self
         return DeviceMesh(self.mesh, self.device, real, shape, self.comm, self.part)
 
     def types(self, **options: Any) -> KernelTypes:
-        """Return the types of kernels on these elements; options as for `KernelTypes`."""
+        """Return the types of kernels on these elements; the options are those of `KernelTypes`."""
         return kernel_types(self.mesh.np, self.real, self.shape, **options)
 
     def threads(self, *fields: int) -> int | tuple[int, ...]:
-        """Return the threads of a launch over the element nodes, of so many fields if any."""
+        """Return the threads of a launch over the element nodes, and over `fields` if given."""
         return self.groups if self.shape == "element" else (self.groups, *fields, self.points)
 
     @functools.cached_property
     def chunks(self) -> Chunks:
-        """The chunks by which sums over the nodes are taken."""
+        """Chunks for sums over the nodes."""
         return Chunks(self.part, self.comm, self.device)
 
     @functools.cached_property
@@ -126,12 +125,12 @@ class DeviceMesh:
 
     @functools.cached_property
     def inner(self) -> int:
-        """Nodes inside the elements of the first `whole` groups, which are numbered first."""
+        """Number of nodes inside the elements of the first `whole` groups, numbered first."""
         return self.whole * self.lanes * (self.mesh.np - 2) ** 2
 
     @functools.cached_property
     def whole(self) -> int:
-        """Groups whose nodes inside the elements stand in blocks of BLOCK elements."""
+        """Number of groups whose nodes inside the elements follow blocks of BLOCK elements."""
         blocks, side = self.elements // BLOCK, self.mesh.np - 2
         inside = self.part.node_of[: blocks * BLOCK, 1:-1, 1:-1].reshape(blocks, BLOCK, side, side)
         expected = np.arange(inside.size).reshape(blocks, side, side, BLOCK)
@@ -140,18 +139,18 @@ class DeviceMesh:
 
     @functools.cached_property
     def work(self) -> int:
-        """Address of the work arrays of a group; kernels run one after the other."""
+        """Address of the work arrays of a group; kernels run one after the other and share it."""
         self._room = self.aligned((room(self.mesh.np),), wp.uint8)
         return int(self._room.ptr)
 
     @functools.cached_property
     def fluxes(self) -> wp.array:
-        """Room for the fluxes of fields that diffuse, in the launch shape of a thread a node."""
+        """Array for the fluxes of diffused fields, in the launch shape "node"."""
         return self.unshared(4, self.real).values
 
     @functools.cached_property
     def stage(self) -> Any:
-        """None: rates are left as they are."""
+        """Stage that is not `on`: rates are stored unchanged."""
         return stage_struct(self.real)()
 
     @functools.cached_property
@@ -160,10 +159,10 @@ class DeviceMesh:
         return self.scatter(1.0 / self.mesh.area)
 
     def _find_places(self, unknowns: int) -> wp.array:
-        """Return (N,) where each node's contributors stand in local tendencies of such fields.
+        """Return the offsets (N,) of each node's contributors in local tendencies of such fields.
 
-        A node lacks those that are -1; the fourth of three stands in the empty last group.
-        Raises ConfigError where 32 bits cannot tell the places.
+        A missing contributor is -1; the fourth of three points to the empty last group. Raises
+        ConfigError if the offsets exceed 32 bits.
         """
         width, count = unknowns * self.lanes, self.part.counts
         if self.rows * width >= 2**31:
@@ -180,7 +179,7 @@ class DeviceMesh:
 
     @functools.cached_property
     def of_own(self) -> wp.array:
-        """(N,) where each node stands in a local field, in the first of this rank's elements."""
+        """Offset (N,) of each node in a local field, in the first of this rank's elements."""
         around = self.places(1).numpy()
         is_own = (around >= 0) & (around < self.groups * self.points * self.lanes)
         first = np.take_along_axis(around, np.argmax(is_own, axis=1)[:, None], axis=1)
@@ -188,11 +187,12 @@ class DeviceMesh:
 
     @functools.cached_property
     def others(self) -> wp.array:
-        """Places of the contributors of each element node but its own, in a local field.
+        """Offsets in a local field of the contributors from other elements to each element node.
 
-        (groups, np*np, 3): one of an element's edge has one, a corner three; what it lacks stands
-        in the empty group.  The first is the one that DSS adds the own to, before the other two, so
-        that (own + first) + (second + third) has the same bits in every element.
+        The shape is (groups, np*np, 3). A node on an element's edge has one such contributor, a
+        corner has three; a missing one points to the empty group. DSS adds an element's own
+        contribution to the first one before the other two, so that (own + first) + (second + third)
+        has the same bits in every element.
         """
         own = self._positions(np.arange(self.elements * self.points), self.lanes)
         around = self.places(1).numpy()[self.part.node_of.ravel()]
@@ -204,7 +204,7 @@ class DeviceMesh:
         return self.registers(in_two_runs(lanes) if self.lanes > 1 else lanes, wp.int32)
 
     def geometry(self, kind: Any, given: Mapping[str, Any] | None = None) -> Any:
-        """A structure of that kind: members by name from those given, else from the mesh."""
+        """Return a structure of that kind with members by name from `given`, else from the mesh."""
         known = {"size": self.size} | dict(given or {})
         filled = kind()
         for name in kind.vars:
@@ -212,10 +212,10 @@ class DeviceMesh:
         return filled
 
     def local(self, unknowns: int, value: Any, blocks: int = 1) -> Field:
-        """Return room for local tendencies: blocks of (groups + 1 ..., np*np, unknowns) of `value`.
+        """Return an array of local tendencies: blocks (groups + 1 ..., np*np, unknowns) of `value`.
 
-        No element writes to the first group behind the others, which stays zero; the groups after
-        it are for what other ranks send, see `exchange`.
+        No element writes to the first group after the others, which stays zero; the groups after it
+        receive values of other ranks, see `exchange`.
         """
         field, part = self.unshared(unknowns, value, blocks), self.part
         if part.sends:
@@ -232,20 +232,20 @@ class DeviceMesh:
         return field
 
     def unshared(self, unknowns: int, value: Any, blocks: int = 1) -> Field:
-        """Return the same room without messages: other ranks get nothing of it."""
+        """Return the same array without messages: it is not exchanged with other ranks."""
         rows = blocks * self.rows // self.points
         return self.field(self.aligned((rows, self.points, unknowns), value))
 
     def share(self, flat: wp.array, sends: Mapping[int, Any], receives: Mapping[int, Any]) -> None:
-        """Have `exchange` serve an array (n,), with places (...) for each neighbour, on all ranks.
+        """Make `exchange` serve an array (n,), with positions for each neighbour, on all ranks.
 
-        sends, receives: the places of what a neighbour gets, and of what comes from it.
+        sends, receives: positions of the values for a neighbour, and of those from it.
         """
         if self.comm.size > 1:
             self.halos[flat.ptr] = Halo(self.comm, flat, sends, receives)
 
     def exchange(self, field: Field) -> None:
-        """Fetch from other ranks what their elements have left for nodes that this one has too."""
+        """Fetch local results from other ranks for the nodes that this rank shares."""
         if self.halos:
             self.halos[field.flat.ptr]()
 
@@ -253,8 +253,8 @@ class DeviceMesh:
         """Return the launch (kernel, threads, 0, *inputs) over elements of results in the field.
 
         The first argument of the kernel is its first group of elements, 0 for the caller. Results
-        are exchanged between ranks; while messages are on their way, elements away from the rim are
-        computed.
+        are exchanged between ranks; elements away from the rim are computed while messages are on
+        their way.
         """
         if self.halos:
             away = self.part.away // self.lanes
@@ -264,18 +264,18 @@ class DeviceMesh:
 
     @property
     def cuts(self) -> Cuts | None:
-        """How launches over the elements are cut into strips; None on small meshes."""
+        """Cuts of launches over the elements into strips; None on small meshes."""
         return None if self.strips is None else self.strips.groups
 
     @functools.cached_property
     def strips(self) -> Strips | None:
-        """The strips of elements in which launches follow one another; None on small meshes."""
+        """Strips of elements in which launches follow one another; None on small meshes."""
         if self.lanes == 1 or self.comm.shared or self.part.is_mesh:
             return None
         return Strips(self.part, self.lanes)
 
     def spans(self, begin: int = 0) -> list[Span]:
-        """Return the nodes from `begin` on: all at once, or those of each kind in strips."""
+        """Return the nodes from `begin` on: in one span, or those of each kind in strips."""
         if self.strips is None:
             return [Span(begin, self.size)]
         return [Span(max(a, begin), b, s) for a, b, s in self.strips.spans if b > begin]
@@ -292,9 +292,9 @@ class DeviceMesh:
                 launch(kernel, end - begin, field + begin, *inputs, cuts=cuts)
 
     def _positions(self, entries: NDArray[Any], width: int) -> NDArray[np.int64]:
-        """Return the offsets of element nodes (element np^2 + point) in rows of that length.
+        """Return the offsets of element nodes (element np^2 + point) in rows of the length `width`.
 
-        Those that are received, -1 - k, stand behind the empty group.
+        Received values, -1 - k, follow the empty group.
         """
         element, point = np.divmod(entries, self.points)
         group, lane = np.divmod(element, self.lanes)
@@ -312,13 +312,13 @@ class DeviceMesh:
         return Field(values, flat)
 
     def upload(self, values: Array) -> wp.array:
-        """A numpy array on the device in the number type of the run."""
+        """Return a numpy array on the device in the number type of the run."""
         return wp.array(
             np.ascontiguousarray(values, self.numpy_real), dtype=self.real, device=self.device
         )
 
     def write(self, values: NDArray[Any], to: wp.array) -> None:
-        """Numbers (k,) from the host to the front of an array; on a CPU without Warp's detours."""
+        """Copy numbers (k,) from the host to the front of an array, on a CPU without Warp."""
         if to.device.is_cpu:
             to.numpy()[: values.size] = values
         else:
@@ -327,23 +327,23 @@ class DeviceMesh:
     def on_elements(
         self, values: NDArray[Any], tail: tuple[int, ...] = (), scalar: Any = None
     ) -> wp.array:
-        """(E, k, *tail) or (E, np, np, *tail) of this rank's elements: (groups, k, *tail) of lanes.
+        """Return (E, k, *tail) or (E, np, np, *tail) of this rank's elements as (groups, k, *tail).
 
-        scalar: another number type than that of the run.
+        The result contains registers of lanes. scalar: a number type other than the run's.
         """
         rows = values.reshape(self.elements, -1, math.prod(tail))
         lanes = self.in_lanes(rows)
         return self.registers(lanes.reshape(*lanes.shape[:2], *tail, self.lanes), scalar)
 
     def in_lanes(self, values: NDArray[Any]) -> NDArray[Any]:
-        """(E, k, ...) as (groups, k, ..., lanes)."""
+        """Return (E, k, ...) as (groups, k, ..., lanes)."""
         short = self.groups * self.lanes - self.elements
         padded = np.concatenate([values, np.repeat(values[-1:], short, axis=0)])
         grouped = padded.reshape(self.groups, self.lanes, values.shape[1], -1)
         return np.ascontiguousarray(grouped.transpose(0, 2, 3, 1))
 
     def registers(self, values: NDArray[Any], scalar: Any = None) -> wp.array:
-        """Numbers (..., lanes) on the device, lanes side by side; scalar: as for `on_elements`."""
+        """Return numbers (..., lanes) on the device, lanes side by side; see `on_elements`."""
         scalar = scalar or self.real
         dtype = wp.types.vector(self.lanes, scalar) if self.lanes > 1 else scalar
         array = self.aligned(values.shape[:-1], dtype)
@@ -351,7 +351,7 @@ class DeviceMesh:
         return array
 
     def aligned(self, shape: tuple[int, ...], dtype: Any) -> wp.array:
-        """Zeros that begin where a cache line does."""
+        """Return zeros that begin at a cache line."""
         count = math.prod(shape) * wp.types.type_size_in_bytes(dtype)
         whole = wp.zeros(count + REGISTER_BYTES, dtype=wp.uint8, device=self.device)
         begin = whole.ptr + -whole.ptr % REGISTER_BYTES
@@ -360,20 +360,20 @@ class DeviceMesh:
         return array
 
     def scatter(self, values: Array) -> wp.array:
-        """Fields (k N,) of the whole mesh on the nodes (k n,) of this rank."""
+        """Return fields (k N,) of the whole mesh on the nodes (k n,) of this rank."""
         return self.upload(self.restrict(values))
 
     def restrict(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Fields (..., k N) of the whole mesh at the nodes of this rank: (..., k n)."""
+        """Return fields (..., k N) of the whole mesh at the nodes of this rank: (..., k n)."""
         if self.part.is_mesh:
             return values
         fields = values.reshape(-1, self.mesh.size)[:, self.part.nodes]
         return fields.reshape(*values.shape[:-1], -1)
 
     def collect(self, vector: wp.array | NDArray[Any]) -> NDArray[Any]:
-        """Fields (..., k n) of all ranks on the host as those of the whole mesh (..., k N).
+        """Return fields (..., k n) of all ranks on the host as those of the whole mesh (..., k N).
 
-        Field by field, so that messages take no more room than one of them.
+        Fields are sent one by one, so that messages take no more memory than one field.
         """
         values: NDArray[Any] = vector.numpy() if isinstance(vector, wp.array) else vector
         if self.part.is_mesh:
@@ -393,6 +393,6 @@ class DeviceMesh:
 
     @functools.cached_property
     def _owners(self) -> tuple[list[int], NDArray[Any]]:
-        """How many nodes each rank counts, and all of them, one rank after the other."""
+        """Return how many nodes each rank counts, and all of them, one rank after the other."""
         numbers = self.comm.tell_all(self.part.nodes[self.part.owned])
         return [each.size for each in numbers], np.concatenate(numbers)

@@ -1,4 +1,4 @@
-"""Relative vorticity and divergence of a wind on the nodes, for diagnostics and output."""
+"""Relative vorticity and divergence of a wind at the nodes, for diagnostics and output."""
 
 import numpy as np
 
@@ -10,14 +10,14 @@ FIRST, SECOND = "im,mje->eij", "jm,ime->eij"
 
 
 def assemble(mesh: Mesh, weighted: Array) -> Array:
-    """DSS: sum of the mass-weighted element values (E, np, np) at each node over its area (N,)."""
+    """Apply DSS: sum mass-weighted element values (E, np, np) at nodes, over their areas (N,)."""
     return np.bincount(mesh.nodes.ravel(), weighted.ravel(), mesh.size) / mesh.area
 
 
 def vorticity(mesh: Mesh, u: Array, v: Array) -> Array:
-    """Relative vorticity (N,) [s-1] of the eastward and northward wind (N,) [m s-1].
+    """Return the relative vorticity (N,) [s-1] of eastward and northward wind (N,) [m s-1].
 
-    (D1 u_2 - D2 u_1)/J, made continuous by DSS (Taylor & Fournier 2010,
+    The vorticity (D1 u_2 - D2 u_1)/J becomes continuous by DSS (Taylor & Fournier 2010,
     doi:10.1016/j.jcp.2010.04.008, eq. 33).
     """
     b, wind_u, wind_v = mesh.basis, u[mesh.nodes], v[mesh.nodes]
@@ -28,7 +28,7 @@ def vorticity(mesh: Mesh, u: Array, v: Array) -> Array:
 
 
 def divergence(mesh: Mesh, u: Array, v: Array) -> Array:
-    """Divergence (N,) [s-1] of the eastward and northward wind (N,) [m s-1], like `vorticity`."""
+    """Return the divergence (N,) [s-1] of eastward and northward wind (N,) [m s-1]."""
     b, wind_u, wind_v = mesh.basis, u[mesh.nodes], v[mesh.nodes]
     flux_1 = b[..., 1, 1] * wind_u - b[..., 1, 0] * wind_v
     flux_2 = b[..., 0, 0] * wind_v - b[..., 0, 1] * wind_u
@@ -37,7 +37,10 @@ def divergence(mesh: Mesh, u: Array, v: Array) -> Array:
 
 
 def _slope(mesh: Mesh, along: str, field: Array) -> Array:
-    """Derivative (E, np, np) of a field (E, np, np) along the coordinate of these subscripts."""
+    """Return the derivative (E, np, np) of a field (E, np, np) along one coordinate.
+
+    along: the subscripts of that coordinate.
+    """
     # elements last: sums then run along many elements, in a third of the time
     by_point = np.ascontiguousarray(np.moveaxis(field, 0, -1))
     slope: Array = np.einsum(along, mesh.derivative, by_point)

@@ -1,4 +1,4 @@
-"""Exchange of what elements leave for nodes on the rim, hidden behind elements away from it."""
+"""Exchange of local results for nodes on the rim, hidden behind elements away from the rim."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -17,9 +17,9 @@ Positions = Mapping[int, NDArray[Any]]
 
 
 class Buffer:
-    """Contiguous copy, in memory that MPI reaches, of numbers at fixed positions of an array (n,).
+    """Contiguous copy of the numbers at fixed positions of an array (n,), in memory MPI can read.
 
-    Numbers of a GPU go by way of pinned memory of the host unless MPI reaches the memory of the
+    Numbers of a GPU are copied through pinned host memory unless MPI can read the memory of the
     GPU.
     """
 
@@ -61,15 +61,15 @@ class Buffer:
 
 
 def message(array: wp.array) -> Any:
-    """Return an array as mpi4py accepts it: of a CPU as a numpy array."""
+    """Return an array as mpi4py accepts it: arrays of a CPU become numpy arrays."""
     return array.numpy() if array.device.is_cpu else array
 
 
 class Halo:
     """Exchanges numbers at fixed positions of an array (n,) with other ranks.
 
-    All ranks build theirs together.  Positions that follow one another are received in place, if
-    MPI reaches them.  MPI is called between the launches that a `Replay` records.
+    All ranks build their halos together. Consecutive positions are received in place if MPI can
+    write there. MPI is called between the launches that a `Replay` records.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Halo:
     ) -> None:  # fmt: skip
         """Prepare the messages; a rank may send to itself.
 
-        into: the array to receive in, if it is not `flat`.
+        into: the array that receives, if it is not `flat`.
         """
         into = flat if into is None else into
         self._device, self._on_gpu = str(flat.device), flat.device.is_cuda
@@ -106,13 +106,13 @@ class Halo:
         between(self._device, self._start)
 
     def wait(self) -> None:
-        """Wait for the numbers of other ranks and bring them to their positions."""
+        """Wait for the numbers of other ranks and copy them to their positions."""
         between(self._device, self._messages.wait)
         self._coming.unpack()
 
     def _start(self) -> None:
         if self._on_gpu:
-            wp.synchronize_device(self._device)  # it may still be packing
+            wp.synchronize_device(self._device)  # the device may still be packing
         self._messages.start()
         self.exchanges += 1
 
@@ -123,17 +123,17 @@ class Halo:
 
 
 LEAST = 32
-"""Groups of elements away from the rim from which on two launches are worth while."""
+"""Smallest number of groups away from the rim for which two launches pay off."""
 
 
 def launch_rim_first(
     halo: Halo, groups: int, away: int, launch: Launcher, kernel: Any, threads: Any, _: int,
     *arguments: Any,
 ) -> None:  # fmt: skip
-    """Launch a kernel over groups of elements: those behind the first `away`, then these.
+    """Launch a kernel over groups of elements: those from `away` on, then the first `away`.
 
-    The former are on the rim: what they leave is exchanged meanwhile.  The first argument of the
-    kernel is the first group of a launch.
+    The groups from `away` on are on the rim: their results are exchanged while the others are
+    computed. The first argument of the kernel is the first group of a launch.
     """
     each = threads[1:] if isinstance(threads, tuple) else ()
     launch(kernel, (groups - away, *each), away, *arguments)

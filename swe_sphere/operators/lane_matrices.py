@@ -1,4 +1,4 @@
-"""Sparse matrices on the device, a row in each SIMD lane, and the vectors they act on."""
+"""Sparse matrices on the device with one row per SIMD lane, and the vectors they act on."""
 
 from __future__ import annotations  # scipy.sparse is loaded where it is used
 
@@ -16,7 +16,7 @@ Int = NDArray[np.int64]
 
 
 def vector(mesh: DeviceMesh, size: int) -> Field:
-    """Return zeros (size,) in whole registers, with a register before and one behind."""
+    """Return zeros (size,) in whole registers, with one register before and one behind."""
     registers = np.zeros((-(-size // mesh.lanes) + 2, mesh.lanes))
     return mesh.field(mesh.registers(registers)[1:-1])
 
@@ -26,7 +26,7 @@ def _grouped(
 ) -> tuple[wp.array, Int, wp.array]:
     """Return where each group of `lanes` rows begins, and its columns and registers of entries.
 
-    A group has one register for each column with an entry in the group.  If `shifted`, columns are
+    A group has one register for each column with an entry in the group. If `shifted`, columns are
     counted from the lane of the row, so that a diagonal of the group is one column.
     """
     (rows, columns), lanes = matrix.shape, mesh.lanes
@@ -38,7 +38,7 @@ def _grouped(
     place += matrix.indices + behind
     if shifted:
         place -= lane
-    del group, numbers  # entries are many, and set-ups are when most memory is taken
+    del group, numbers  # entries are many, and memory use peaks during set-up
     places, slot = np.unique(place, return_inverse=True)
     values = np.zeros((max(places.size, 1), lanes), mesh.numpy_real)
     values[slot, lane] = matrix.data
@@ -48,11 +48,11 @@ def _grouped(
 
 
 class SlicedMatrix:
-    """A matrix in the number type and the lanes of a mesh, for vectors made by `vector`.
+    """A matrix in the number type and the lanes of a mesh, for vectors built by `vector`.
 
-    Each group of `lanes` rows has its diagonals: the registers of a vector, beginning anywhere,
-    that hold an entry of one of its rows in the lane of that row.  Nothing is gathered lane by
-    lane, which takes ten times as long; numberings that follow the elements have few diagonals.
+    Each group of `lanes` rows stores its diagonals: the registers of a vector, with any offset, in
+    which some lane multiplies an entry of its own row. Nothing is gathered lane by lane, which
+    takes ten times as long; numberings that follow the elements have few diagonals.
     """
 
     def __init__(self, mesh: DeviceMesh, launch: Launcher, matrix: scipy.sparse.csr_array) -> None:
@@ -66,9 +66,10 @@ class SlicedMatrix:
         self, coefficients: tuple[float, float, float], per_diagonal: wp.array, r: Field,
         directions: tuple[Field, Field], before: Field, x: Field,
     ) -> None:  # fmt: skip
-        """r -= M d; new = keep d + take r/diagonal; x = before + beta new, with directions d, new.
+        """Set r -= M d; new = keep d + take r/diagonal; x = before + beta new.
 
-        coefficients: keep, take and beta, as `chebyshev_coefficients` has them.
+        coefficients: keep, take and beta, as `chebyshev_coefficients` returns them; directions: d,
+        new.
         """
         d, new = directions
         self._launch(
@@ -78,10 +79,10 @@ class SlicedMatrix:
 
 
 class TallMatrix:
-    """A matrix of many rows and few columns, likewise; rows that stand together share columns.
+    """A matrix of many rows and few columns in lanes; rows side by side share columns.
 
-    Each group of `lanes` rows has a register for each column in which one of them has an entry:
-    a `SlicedMatrix` would have one for each lane and column.
+    Each group of `lanes` rows has one register for each column in which one of them has an entry: a
+    `SlicedMatrix` would have one for each lane and column.
     """
 
     def __init__(self, mesh: DeviceMesh, launch: Launcher, matrix: scipy.sparse.csr_array) -> None:
@@ -100,13 +101,13 @@ class TallMatrix:
         self._parts = wp.zeros(column.size, dtype=mesh.real, device=mesh.device)
 
     def __call__(self, x: Field, out: Field, add: bool = False) -> None:
-        """out = M x, or out + M x."""
+        """Set out = M x, or out += M x if `add`."""
         self._launch(
             self._product, self._groups, self._at, self._columns, self._values, x.flat,
             int(add), out.values,
         )  # fmt: skip
 
     def transposed(self, y: Field, out: Field) -> None:
-        """out = M' y; y may be longer than M has rows."""
+        """Set out = M' y; y may be longer than M has rows."""
         self._launch(self._part, self._groups, self._at, self._values, y.values, self._parts)
         self._launch(self._total, self._few, self._ends, self._listed, self._parts, out.flat)

@@ -1,4 +1,4 @@
-"""Cheap repeated launches of Warp kernels."""
+"""Repeated launches of Warp kernels with little overhead."""
 
 import functools
 import inspect
@@ -25,17 +25,17 @@ REMEMBERED = 512
 
 
 class Span(NamedTuple):
-    """Numbers of nodes that launches share, and where each strip of the mesh begins among them."""
+    """Range of node numbers that launches share, with the start of each strip of the mesh in it."""
 
     begin: int
     end: int
     starts: NDArray[np.integer] | None = None
-    """(strips + 1,); None: the mesh is not cut into strips."""
+    """(strips + 1,) starts of the strips; None if the mesh is not cut into strips."""
 
     def cut(self, begin: int, end: int, step: int, field: int = 0) -> "Cuts | None":
-        """Cut a launch over the nodes from `begin` to `end`, `step` for each thread.
+        """Cut a launch over the nodes from `begin` to `end`, with `step` nodes per thread.
 
-        field: number that the first argument of the kernel counts from.
+        field: number from which the first argument of the kernel counts.
         """
         if self.starts is None:
             return None
@@ -43,7 +43,7 @@ class Span(NamedTuple):
 
 
 class Cuts(NamedTuple):
-    """How the threads of a launch belong to strips of the mesh, see `strips.py`."""
+    """Assignment of the threads of a launch to strips of the mesh, see `strips.py`."""
 
     starts: NDArray[np.integer]
     """(strips + 1,) first thread of each strip."""
@@ -65,12 +65,12 @@ class Launcher:
     """Launches kernels on one device through recorded commands.
 
     A plain `wp.launch` costs about as much as the whole right-hand side of a small mesh; a recorded
-    one a fifth of it.  Commands are remembered by kernel and arguments (arrays by address), which
+    one a fifth of it. Commands are stored by kernel and arguments (arrays by address), which
     steppers reuse all the time.
     """
 
     def __init__(self, device: str, comm: Communicator | None = None, nodes: int = 1) -> None:
-        """nodes: of an element, of which blocks of threads hold whole ones."""
+        """Create a launcher; `nodes` per element, of which blocks of threads hold whole ones."""
         self.device, self.comm = device, comm or Communicator()
         with self.comm.root_first():
             keep_headers()
@@ -81,20 +81,20 @@ class Launcher:
         self.records = True
         """True if repeated launches are recorded and launched as a whole, see `Replay`."""
         self.defer: Callable[[tuple[Any, ...], Cuts], None] | None = None
-        """Takes launches over strips in the place of the device, while they are recorded."""
+        """Function that receives launches over strips instead of the device during recording."""
         self._block_dim = 1 if wp.get_device(device).is_cpu else block_threads(nodes)
-        # with the arguments, so that no other array or structure takes a remembered place in memory
+        # with the arguments, so that no new array or structure reuses a stored address
         self._commands: dict[tuple[object, ...], tuple[Any, tuple[Any, ...]]] = {}
 
     def load(self, *kernels: Any) -> None:
         """Compile the kernels for the device, or load them from Warp's cache."""
         start, worked = time.perf_counter(), time.process_time()
         modules = {kernel.module.name: kernel.module for kernel in kernels}.values()
-        with self.comm.root_first():  # which compiles for all
+        with self.comm.root_first():  # the root compiles for all ranks
             new = [module for module in modules if not self._cached(module).exists()]
             if new:
                 with compiling(), ThreadPoolExecutor(os.cpu_count()) as pool:
-                    self._load(new[0])  # alone, as it compiles Warp's headers
+                    self._load(new[0])  # alone, because it compiles Warp's headers
                     list(pool.map(self._load, new[1:]))
             for module in modules:
                 self._load(module)
@@ -108,7 +108,7 @@ class Launcher:
         return made
 
     def _cached(self, module: Any) -> Path:
-        """Return where Warp keeps the module as compiled for this processor or GPU."""
+        """Return the path of Warp's copy of the module compiled for this processor or GPU."""
         place = Path(wp.config.kernel_cache_dir, module.get_module_identifier(self._block_dim))
         if warp_internals() is not None:  # else for any
             device, block_dim = wp.get_device(self.device), self._block_dim
@@ -116,10 +116,10 @@ class Launcher:
         return place
 
     def _load(self, module: Any) -> None:
-        """Load or compile a module; ConfigError where what is kept of it cannot be loaded."""
+        """Load or compile a module; raise ConfigError if Warp's cached copy cannot be loaded."""
         try:
             module.load(self.device, block_dim=self._block_dim)
-        except Exception as error:  # the class that Warp raises
+        except Exception as error:  # Warp raises this class
             if not (kept := self._cached(module)).exists():
                 raise
             raise ConfigError(
@@ -146,22 +146,22 @@ class Launcher:
             self.defer(known, cuts)
 
     def forget(self) -> None:
-        """Let go of all recorded commands, and of the arrays that only they still hold."""
+        """Drop all recorded commands, and the arrays that only these commands reference."""
         self._commands.clear()
 
 
 def warp_internals() -> Any | None:
-    """Return Warp's module `context`; None where its private methods are not those used here.
+    """Return Warp's module `context`, or None if its private methods are not those used here.
 
-    With another Warp each process compiles Warp's headers, a kernel counts as compiled whatever
-    processor it was compiled for, and launches do not run strip by strip; results are the same.
+    With another version of Warp, each process compiles Warp's headers, a kernel counts as compiled
+    regardless of the processor, and launches do not run strip by strip; results are the same.
     """
     try:
         from warp._src import context
 
         wp.init()
         if context.runtime.llvm is not None:
-            context.runtime.llvm.wp_get_host_cpu_features  # noqa: B018 - is it there?
+            context.runtime.llvm.wp_get_host_cpu_features  # noqa: B018 - tests that it exists
         context.runtime.core.wp_apic_get_operation_count  # noqa: B018 - likewise
         context.runtime.core.wp_apic_get_recording_state  # noqa: B018 - likewise
         headers = inspect.signature(context.Runtime.get_clang_pch_dir).parameters
@@ -172,12 +172,13 @@ def warp_internals() -> Any | None:
 
 
 def keep_headers() -> None:
-    """Keep Warp's own headers, compiled, beside the kernels: every process would take 2 s for them.
+    """Keep Warp's compiled headers beside the kernels, which saves every process 2 s.
 
-    Warp has no setting for the place: each thread has a temporary one.  Clang moves a whole file to
-    its place, so that processes may share it; another processor needs another one, and so does
-    another installation of Warp, even of the same version, as the headers are known by their paths.
-    Their templates are instantiated once, in there, and not for each kernel: 0.1 s of it.
+    Warp has no setting for their path: each thread has a temporary one. Clang moves a complete file
+    to its path, so that processes may share it; another processor needs another file, and so does
+    another installation of Warp, even of the same version, because headers are identified by their
+    paths. Their templates are instantiated once, in the header file, instead of for each kernel,
+    which saves 0.1 s per kernel.
     """
     context = warp_internals()
     if context is None or context.runtime.llvm is None:
@@ -188,7 +189,7 @@ def keep_headers() -> None:
     processor = context.runtime.llvm.wp_get_host_cpu_features()
     kind = zlib.crc32(os.fsencode(wp.__file__), zlib.crc32(processor))
     folder = Path(wp.config.kernel_cache_dir, f"headers_{kind:08x}")
-    with suppress(OSError):  # a cache that this user must not write to
+    with suppress(OSError):  # the user may lack permission to write to the cache
         folder.mkdir(parents=True, exist_ok=True)
         context.runtime.get_clang_pch_dir = lambda: str(folder)
 
@@ -205,8 +206,8 @@ def in_runs(
 ) -> list[Callable[..., None]]:
     """Return the launches of kernels that share the numbers in the spans.
 
-    Threads of the kernel take `lanes` numbers, and one each of those that are left over.  Its first
-    argument is its first number; the launches take the others.
+    Threads of the kernel process `lanes` numbers each, and the remainder one each. The kernel's
+    first argument is its first number; the launches take the others.
     """
     runs = []
     for span in spans:
@@ -220,16 +221,16 @@ def in_runs(
 
 
 def find_device(name: str, local: int = 0) -> str:
-    """The Warp device of that name; of several GPUs "cuda" is that of a rank, `local` by number.
+    """Return the Warp device of that name; with several GPUs, "cuda" is number `local` of a rank.
 
-    Raises ConfigError when this machine has no such device.
+    Raises ConfigError if this machine has no such device.
     """
     count = wp.get_cuda_device_count()
     if name == "cuda" and count:
         return f"cuda:{local % count}"
     try:
         if name == "cuda":
-            raise ValueError(name)  # before Warp complains of it in lines of its own
+            raise ValueError(name)  # before Warp prints its own complaint
         return str(wp.get_device(name))
     except (ValueError, RuntimeError, AssertionError):
         available = ", ".join(str(device) for device in wp.get_devices())

@@ -1,4 +1,4 @@
-"""Long steps of masses that a wind or a mass flux carries, fixed in time, on the device."""
+"""Long steps of masses that a constant wind or mass flux carries, on the device."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -17,7 +17,7 @@ from swe_sphere.ranks.limits import check_stop
 
 
 class Crossings:
-    """How fast a mass flux carries things across elements."""
+    """Measures how fast a mass flux crosses elements."""
 
     def __init__(self, mesh: DeviceMesh, launch: Launcher) -> None:
         self._mesh, self._launch, types = mesh, launch, mesh.types()
@@ -27,13 +27,13 @@ class Crossings:
         self._most = wp.zeros(mesh.groups, dtype=types.value, device=mesh.device)
 
     def bound(self, flux: wp.array, air: wp.array) -> float:
-        """About the spectral radius [s-1], or up to a third more, of q -> div(q flux) / air."""
+        """Bound the spectral radius [s-1] of q -> div(q flux) / air, to within about a third."""
         self._launch(self._kernel, self._mesh.groups, self._geometry, flux, air, self._most)
         return self._symbol * float(self._mesh.comm.of_each(self._most.numpy().max()).max())
 
 
 class MassSteps:
-    """dm/dt = -div(m V) for `count` masses m, blocks (N,) from `first` on in states (size,)."""
+    """Solves dm/dt = -div(m V) for `count` masses m, blocks (N,) from `first` on in states."""
 
     def __init__(
         self, mesh: DeviceMesh, launch: Launcher, size: int, first: int, count: int
@@ -46,7 +46,7 @@ class MassSteps:
     def __call__(
         self, flow: wp.array, state: wp.array, tau: float, parts: int, fractions: Sequence[float]
     ) -> None:
-        """Step the masses of a state by tau [s] in equal parts, by a wind in front of `flow`.
+        """Step the masses of a state by tau [s] in equal parts, by the wind at the front of `flow`.
 
         In each part m_i = m_0 + fractions_i (tau / parts) dm/dt(m_(i-1)); the last fraction is 1.
         """
@@ -59,7 +59,7 @@ class MassSteps:
                 carried, at = self._carried(out, part * tau / parts + step)
 
     def _carried(self, state: wp.array, t: float) -> tuple[wp.array, int]:
-        """Return what the flow carries t [s] after the beginning, and its offset."""
+        """Return the array that the flow carries t [s] after the beginning, and its offset."""
         return state, self._first
 
     def _stage(self, state: wp.array, tau: float) -> Any:
@@ -70,9 +70,9 @@ class MassSteps:
 
 
 class FluxSteps(MassSteps):
-    """dm/dt = -div(q F), q = m / h, while h goes evenly to its value after the step: q = 1 stays 1.
+    """Solves dm/dt = -div(q F), q = m / h; h changes linearly to its new value: q = 1 stays 1.
 
-    F is a mass flux in the place of the wind, and dh/dt = -div(F); h stands from `depth` on.
+    F is a mass flux in place of the wind, and dh/dt = -div(F); h starts at the offset `depth`.
     """
 
     def __init__(
@@ -101,9 +101,9 @@ class FluxSteps(MassSteps):
 
 
 def symbol(derivative: Array, weights: Array) -> float:
-    """Largest modulus of the eigenvalues of d/dxi after DSS, on equal elements of length 2.
+    """Return the largest modulus of the eigenvalues of d/dxi after DSS, on equal elements.
 
-    Over all waves exp(i phase) from one element to the next.
+    Elements have length 2; the maximum is over all waves exp(i phase) from one element to the next.
     """
     last, largest = len(weights) - 1, 0.0
     for phase in np.linspace(0.0, np.pi, 181):

@@ -55,7 +55,7 @@ class EdgePenaltyOperator:
         self._sums = in_runs(*run, *mesh.spans(mesh.inner if direct else 0))
 
     def __call__(self, x: wp.array, factor: float, out: wp.array, start: wp.array) -> None:
-        """Make the wind of `out` that of `start` plus `factor` times the penalty of the wind of x.
+        """Set the wind of `out` to that of `start` plus `factor` times the penalty of x's wind.
 
         All three may be the same array.
         """
@@ -75,7 +75,7 @@ class EdgePenaltyOperator:
             launch(mesh.places(2), mesh.inverse_area, *shape, weak.flat, stage, out)
 
     def _stage_of(self, factor: float, out: wp.array, start: wp.array) -> tuple[Any, Any]:
-        """Return the stage that writes `out`, and the geometry with it; the same ones each time."""
+        """Return the stage that writes `out` and its geometry, the same objects each time."""
         key = factor, out.ptr, start.ptr
         if key not in self._stages:
             if len(self._stages) >= REMEMBERED:

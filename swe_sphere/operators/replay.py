@@ -1,4 +1,4 @@
-"""Launches that repeat: recorded once, then launched as a whole."""
+"""Repeated sequences of launches: recorded once, then launched as a whole."""
 
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
@@ -17,17 +17,17 @@ Pieces = list[Callable[[], None]]
 class Replay:
     """Records launches by a key: a CUDA graph on a GPU, a list in Warp's C++ on a CPU.
 
-    On small meshes single launches cost more than their kernels.  `replay(key, block, *arguments)`
+    On small meshes single launches cost more than their kernels. `replay(key, block, *arguments)`
     runs the block the first time, which loads all kernels; it records and launches it the second
-    time, and from then on it only launches the recording.  `launch` and `record` do the same for
-    the block of a `with` statement.  The block must make the same launches every time that the key
-    is the same.  The key must name the addresses of all arrays of the
-    caller; all others must live as long as the replay.  Replays inside the block only run their
-    blocks: these launches belong to its recording.
+    time, and from then on it only launches the recording. `launch` and `record` do the same for the
+    block of a `with` statement. The block must make the same launches every time that the key is
+    the same. The key must contain the addresses of all arrays of the caller; all other arrays must
+    live as long as the replay. Replays inside the block only run their blocks: these launches
+    belong to the outer recording.
     """
 
     def __init__(self, launch: Launcher, counters: dict[str, int] | None = None) -> None:
-        """counters: what the blocks count beside their launches, if anything."""
+        """Create a replay; blocks may increase `counters`, which recordings increase as well."""
         self._launch, self._counters = launch, {} if counters is None else counters
         self._known: dict[Hashable, tuple[Pieces, dict[str, int]] | None] = {}
         """The recordings by key, with what they add to counters; None after the first run."""
@@ -39,7 +39,7 @@ class Replay:
                 block(*arguments)
 
     def launch(self, key: Hashable) -> bool:
-        """Launch the recording of the key; return False where there is none."""
+        """Launch the recording of the key; return False if there is none."""
         known = self._known.get(key)
         if known is None or not self._launch.records:
             return False
@@ -85,7 +85,7 @@ _OPEN: dict[str, Pieces] = {}
 
 
 def between(device: str, function: Callable[[], None]) -> None:
-    """Run a function on the host in its place among the launches on a device, recorded or not."""
+    """Run a function on the host between the launches on a device, recorded or not."""
     if device in _OPEN:
         _OPEN[device] += [_end(device), function]
         wp.capture_begin(device, force_module_load=False)
@@ -95,7 +95,7 @@ def between(device: str, function: Callable[[], None]) -> None:
 
 @contextmanager
 def _captured(launch: Launcher, pieces: Pieces) -> Iterator[None]:
-    """Put the launches of the block into `pieces` instead of making them."""
+    """Put the launches of the block into `pieces` instead of running them."""
     device = launch.device
     _OPEN[device] = pieces
     if context := warp_internals():
@@ -105,7 +105,7 @@ def _captured(launch: Launcher, pieces: Pieces) -> Iterator[None]:
         yield
         pieces.append(_end(device))
     except BaseException:
-        with suppress(RuntimeError):  # what went wrong may have ended the recording
+        with suppress(RuntimeError):  # the error may have ended the recording
             _end(device)
         raise
     finally:
@@ -114,7 +114,7 @@ def _captured(launch: Launcher, pieces: Pieces) -> Iterator[None]:
 
 
 def _defer(core: Any, launch: Launcher, pieces: Pieces, known: tuple[Any, ...], cuts: Cuts) -> None:
-    """Put a launch over strips into the wave of those before it, if nothing is between them."""
+    """Add a launch over strips to the preceding wave, if nothing is between them."""
     wave = pieces[-1] if pieces else None
     others = core.wp_apic_get_operation_count(core.wp_apic_get_recording_state())
     if others or not isinstance(wave, Wave):

@@ -1,14 +1,14 @@
 """Block elimination of the linearised shallow-water equations, on the device and as matrices.
 
-For A = I - tau L with L(V, h) = (-f k x V - g G h, -D H V), elimination of the wind leaves
-S dh = r_h - tau D H T r_V with S = I - tau^2 g D H T G and T = (I + tau f k x)^-1, and then
-dV = T (r_V - tau g G dh).  With effects that damp wind and depth at a rate that depends on the
-wavenumber, F being the inverse of I + tau times it, S = I - tau^2 g D H T G F^2, as if F commuted
-with all else: S dk = r_h - tau D H T F r_V, dh = F dk and dV = T (F r_V - tau g G F^2 dk).
+For A = I - tau L with L(V, h) = (-f k x V - g G h, -D H V), elimination of the wind leads to S dh =
+r_h - tau D H T r_V with S = I - tau^2 g D H T G and T = (I + tau f k x)^-1, and then dV = T (r_V -
+tau g G dh). With effects that damp wind and depth at a rate that depends on the wavenumber, F is
+the inverse of I + tau times that rate, and S = I - tau^2 g D H T G F^2, as if F commuted with all
+other operators: S dk = r_h - tau D H T F r_V, dh = F dk and dV = T (F r_V - tau g G F^2 dk).
 
-G and D are the DSS'd operators of the model: a compact Laplacian in their place is a bad
-preconditioner, as it differs on the grid-scale modes.  `SchurMatrix` has S as sparse matrices on
-the host, for diagonals, coarse levels and patches.
+G and D are the model's operators after DSS: a compact Laplacian instead is a bad preconditioner,
+because it differs on the grid-scale modes. `SchurMatrix` holds S as sparse matrices on the host,
+for diagonals, coarse levels and patches.
 """
 
 from __future__ import annotations  # scipy.sparse is loaded where it is used
@@ -36,7 +36,7 @@ Step = tuple[float, float, float]
 class SchurOperator:
     """The eliminated system in the number type of `mesh`, for state vectors of type `given`.
 
-    Call `configure` before anything else, and again when tau [s] or the depth [m] changes.
+    Call `configure` first, and again when tau [s] or the depth [m] changes.
     """
 
     def __init__(
@@ -83,25 +83,25 @@ class SchurOperator:
             (self._divergence,) = launch.compile(types, helmholtz.divergence)
 
     def field(self) -> Field:
-        """A field of zeros."""
+        """Return a field of zeros."""
         return self.mesh.unshared(1, self._value)
 
     def spread(self, x: wp.array, out: Field) -> None:
-        """A nodal vector (N,) of any number type to a field."""
+        """Copy a nodal vector (N,) of any number type to a field."""
         kernel, _ = self._passages(x.dtype)
         self.launch(kernel, self.dim, 0, self.mesh.nodes, x, out.values, cuts=self.mesh.cuts)
 
     def collect(self, x: Field, out: wp.array) -> None:
-        """A field, with the same bits in all elements of a node, to a nodal vector (N,)."""
+        """Copy a field, with the same bits in all elements of a node, to a nodal vector (N,)."""
         _, kernel = self._passages(out.dtype)
         self.mesh.launch_over_fields(self.launch, kernel, self.size, self.mesh.of_own, x.flat, out)
 
     def put(self, values: Array, x: Field) -> None:
-        """Values (N,) from the host to a field."""
+        """Copy values (N,) from the host to a field."""
         self.spread(self.mesh.scatter(values), x)
 
     def fetch(self, x: Field) -> Array:
-        """A field as float64 values (N,) on the host."""
+        """Return a field as float64 values (N,) on the host."""
         self.collect(x, self._nodal)
         return self.mesh.collect(self._nodal).astype(np.float64)
 
@@ -124,7 +124,7 @@ class SchurOperator:
             wp.copy(target, values)
 
     def eliminate(self, r: wp.array, b: Field) -> None:
-        """b = r_h - tau D H T r_V for r (3N,)."""
+        """Set b = r_h - tau D H T r_V for r (3N,)."""
         if self.damping is not None:
             r = self.damping.damp_wind(r)
         self._diverge(self._wind_fluxes, r)
@@ -132,7 +132,7 @@ class SchurOperator:
         self._launch(self._eliminated, *local, r, self.tau, b.values)
 
     def substitute(self, r: wp.array, h: Field, out: wp.array) -> None:
-        """out (3N,) = (T (r_V - tau g G h), h), with r as it was eliminated last."""
+        """Set out (3N,) = (T (r_V - tau g G h), h), with the last eliminated r."""
         if self.damping is not None:
             r = self.damping.state
         self._differentiate(h)
@@ -145,21 +145,21 @@ class SchurOperator:
             self.damping.damp_depth(h, out)
 
     def apply(self, d: Field, out: Field) -> None:
-        """out = S d."""
+        """Set out = S d."""
         out.values.zero_()
         self.chebyshev_step((1.0, 0.0, 0.0), out, self._f1, self._f1, last=d, sign=1.0)
 
     def residual(self, b: Field, x: Field, out: Field) -> None:
-        """out = b - S x."""
+        """Set out = b - S x."""
         self.chebyshev_step((1.0, 0.0, 0.0), out, self._f1, self._f1, b, x)
 
     def chebyshev_step(
         self, coefficients: Step, r: Field, d: Field, x: Field, b: Field | None = None,
         last: Field | None = None, sign: float = -1.0,
     ) -> None:  # fmt: skip
-        """r = b + sign S last; d = keep last + take r/diag S; x += beta d, with these coefficients.
+        """Set r = b + sign S last; d = keep last + take r/diag S; x += beta d.
 
-        They are (keep, take, beta); b and last are r and d where they are not given.
+        coefficients: (keep, take, beta); b and last default to r and d.
         """
         last = last or d
         self._differentiate(last)
@@ -210,16 +210,16 @@ class SchurMatrix:
         self.mesh, self.gravity, self.coriolis = mesh, gravity, coriolis
 
     def weight(self, tau: float, depth: Array) -> Array:
-        """H/(1 + tau^2 f^2) (N,) [m]: the symmetric part of H T."""
+        """Return H/(1 + tau^2 f^2) (N,) [m]: the symmetric part of H T."""
         return depth / (1.0 + (tau * self.coriolis) ** 2)
 
     def diagonal(self, tau: float, depth: Array) -> Array:
-        """Diagonal of S (N,)."""
+        """Return the diagonal of S (N,)."""
         squares = column_squares(self.mesh, self.mesh.area * self.weight(tau, depth))
         return 1.0 + tau**2 * self.gravity * squares / self.mesh.area
 
     def matrix(self, tau: float, depth: Array) -> scipy.sparse.csr_matrix:
-        """S (N, N)."""
+        """Return S (N, N)."""
         angle = tau * self.coriolis
         same = scipy.sparse.diags_array(depth / (1.0 + angle**2))
         cross = scipy.sparse.diags_array(depth * angle / (1.0 + angle**2))
@@ -231,7 +231,7 @@ class SchurMatrix:
         self, mass: scipy.sparse.csr_matrix, slopes: scipy.sparse.csr_matrix, tau: float,
         depth: Array,
     ) -> scipy.sparse.csr_matrix:  # fmt: skip
-        """B^T M S B of the symmetric part of S for a basis B, with M the areas.
+        """Return B^T M S B of the symmetric part of S for a basis B, with M the areas.
 
         mass = B^T M B and slopes = G B (2N, V).
         """

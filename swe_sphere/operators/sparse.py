@@ -1,7 +1,7 @@
 """Discrete operators as sparse matrices: gradient, divergence, stiffness; others by probing.
 
-They are the operators of the kernels, entry by entry: block elimination of the linearised equations
-has to use these and not a compact Laplacian.
+They equal the operators of the kernels entry by entry: block elimination of the linearised
+equations must use these and not a compact Laplacian.
 """
 
 from __future__ import annotations  # scipy.sparse is loaded where it is used
@@ -18,7 +18,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.operators.diagnose import assemble
 
 PART = 1024
-"""Elements whose matrices are made at a time."""
+"""Number of elements whose matrices are built at a time."""
 
 
 @dataclass(frozen=True)
@@ -26,12 +26,12 @@ class ElementSpace:
     """Continuous functions, of which k are not zero on an element."""
 
     values: Array
-    """(np*np, k) their nodal values."""
+    """(np*np, k) nodal values of the functions."""
     numbers: NDArray[np.int32]
-    """(E, k) their numbers; -1 for one that is left out."""
+    """(E, k) numbers of the functions; -1 for an omitted one."""
 
     def matrix(self, rows: NDArray[np.int32], values: Array) -> scipy.sparse.coo_array:
-        """Values (E, np*np, k) of the functions in rows (E, np*np); those in one place add up."""
+        """Return values (E, np*np, k) of the functions in rows (E, np*np); duplicates add up."""
         shape = (*rows.shape, self.numbers.shape[1])
         values = np.broadcast_to(values, shape)
         columns = np.broadcast_to(self.numbers[:, None, :], shape)
@@ -43,7 +43,7 @@ class ElementSpace:
 
 
 def gradient(mesh: Mesh) -> scipy.sparse.csr_matrix:
-    """(2N, N) [m-1]: eastward and northward components of the gradient of a nodal field."""
+    """Return (2N, N) [m-1]: eastward and northward components of the gradient of a nodal field."""
     b = mesh.basis
     weight = mesh.quadrature
     east = _derivatives(mesh, weight * b[..., 1, 1], -weight * b[..., 0, 1])
@@ -52,7 +52,7 @@ def gradient(mesh: Mesh) -> scipy.sparse.csr_matrix:
 
 
 def slopes(mesh: Mesh, space: ElementSpace) -> scipy.sparse.csr_matrix:
-    """(2N, V) [m-1]: the gradients of the functions, without the large matrix on the nodes."""
+    """Return (2N, V) [m-1]: gradients of the functions, without the large matrix on the nodes."""
     rows = mesh.nodes.reshape(mesh.elements, -1)
     b = mesh.quadrature[..., None, None] * mesh.basis
     b = b.reshape(mesh.elements, -1, 1, 2, 2)
@@ -64,10 +64,10 @@ def slopes(mesh: Mesh, space: ElementSpace) -> scipy.sparse.csr_matrix:
 
 
 def divergence(mesh: Mesh) -> scipy.sparse.csr_matrix:
-    """(N, 2N) [m-1]: divergence of a nodal wind; minus the adjoint of `gradient`.
+    """Return (N, 2N) [m-1]: divergence of a nodal wind; minus the adjoint of `gradient`.
 
-    The discrete integration by parts <s, div V> = -<grad s, V> in the inner product weighted by the
-    nodal areas (Taylor & Fournier 2010, doi:10.1016/j.jcp.2010.04.008, eq. 42).
+    The discrete integration by parts <s, div V> = -<grad s, V> holds in the inner product weighted
+    by the nodal areas (Taylor & Fournier 2010, doi:10.1016/j.jcp.2010.04.008, eq. 42).
     """
     area = scipy.sparse.diags_array(np.concatenate([mesh.area, mesh.area]))
     return _over_area(mesh, -(gradient(mesh).T @ area).tocsr())
@@ -76,9 +76,9 @@ def divergence(mesh: Mesh) -> scipy.sparse.csr_matrix:
 def stiffness(
     mesh: Mesh, coefficient: Array, space: ElementSpace | None = None
 ) -> scipy.sparse.csr_matrix:
-    """(N, N) integral of coefficient grad phi . grad s, from the element matrices.
+    """Return the integral (N, N) of coefficient grad phi . grad s, from the element matrices.
 
-    With a `space` it is that of its functions, made without the large matrix on the nodes.
+    With a `space` it is the integral of its functions, without the large matrix on the nodes.
     """
     lines = _lines(mesh)
     numbers = mesh.nodes.reshape(mesh.elements, -1)
@@ -94,7 +94,7 @@ def stiffness(
 
 
 def _stiffness_of(mesh: Mesh, coefficient: Array, lines: Array, part: slice) -> Array:
-    """(part of E, k, k) element matrices for the derivatives (2, np*np, k) of the functions."""
+    """Return element matrices (part of E, k, k) for derivatives (2, np*np, k) of the functions."""
     inverse = np.linalg.inv(np.einsum("eijak,eijbk->eijab", mesh.basis[part], mesh.basis[part]))
     factor = mesh.quadrature * mesh.jacobian[part] * coefficient[mesh.nodes[part]]
     metric = (factor[..., None, None] * inverse).reshape(len(factor), -1, 2, 2)
@@ -103,13 +103,13 @@ def _stiffness_of(mesh: Mesh, coefficient: Array, lines: Array, part: slice) -> 
 
 
 def _lines(mesh: Mesh) -> Array:
-    """(2, np*np, np*np) derivatives along xi1 and xi2 on an element."""
+    """Return the derivatives (2, np*np, np*np) along xi1 and xi2 on an element."""
     d, eye = mesh.derivative, np.eye(mesh.np)
     return np.stack([np.kron(d, eye), np.kron(eye, d)])
 
 
 def _derivatives(mesh: Mesh, along_1: Array, along_2: Array) -> scipy.sparse.csr_matrix:
-    """(N, N) DSS of along_1 D1 + along_2 D2, mass-weighted coefficients (E, np, np)."""
+    """Return DSS (N, N) of along_1 D1 + along_2 D2, mass-weighted coefficients (E, np, np)."""
     d, n = mesh.derivative, mesh.np
     shape = (2, mesh.elements, n, n, n)
     values, columns = np.empty(shape), np.empty(shape, dtype=np.int32)
@@ -124,24 +124,24 @@ def _derivatives(mesh: Mesh, along_1: Array, along_2: Array) -> scipy.sparse.csr
 
 
 def _over_area(mesh: Mesh, matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
-    """The matrix, its rows divided by the nodal areas in place."""
+    """Return the matrix after dividing its rows by the nodal areas in place."""
     matrix.data *= np.repeat(1.0 / mesh.area, np.diff(matrix.indptr))
     return matrix
 
 
 Lines = tuple[NDArray[np.int32], Array]
-"""Node numbers (..., np) line by line, and what D of the line is multiplied by, (2, ..., np)."""
+"""Node numbers (..., np) line by line, and factors (2, ..., np) of D along the line."""
 
 
 def column_squares(mesh: Mesh, weight: Array) -> Array:
-    """(N,) sum over the nodes m of weight_m |G_mn|^2, G the gradient with both its components.
+    """Return (N,) sums over nodes m of weight_m |G_mn|^2, G the gradient with both components.
 
-    An entry of the DSS'd gradient off its diagonal belongs to one line of nodes: a line through an
-    element, or an edge, where those of the elements on its two sides add up.  So entries can be
-    squared line by line, without the matrix; only the own entries of the nodes take in all elements
-    around.
+    An off-diagonal entry of the gradient after DSS belongs to one line of nodes: a line through an
+    element, or an edge, where the entries of the elements on its two sides add up. So entries can
+    be squared line by line, without the matrix; only the diagonal entries depend on all elements
+    around a node.
 
-    `weight` (N,); the result is in its unit over m2.
+    `weight` has shape (N,); the result is in its unit over m2.
     """
     across = [_across(mesh, direction) for direction in (1, 2)]
     inside = [(nodes[:, 1:-1], factors[:, :, 1:-1]) for nodes, factors in across]
@@ -164,7 +164,7 @@ def _across(mesh: Mesh, direction: int) -> Lines:
 
 
 def _edges(across: list[Lines]) -> Lines:
-    """The edges (edges, np), each the sum of two elements; from its end of the lower number."""
+    """Return the edges (edges, np), each the sum of two elements, from the end of lower number."""
     nodes = np.concatenate([nodes[:, [0, -1]].reshape(-1, nodes.shape[-1]) for nodes, _ in across])
     factors = np.concatenate(
         [factors[:, :, [0, -1]].reshape(2, -1, factors.shape[-1]) for _, factors in across], axis=1
@@ -177,7 +177,7 @@ def _edges(across: list[Lines]) -> Lines:
 
 
 def _own(mesh: Mesh, across: list[Lines]) -> Array:
-    """(N,) squares of the entries on the diagonals of both components [m-2]."""
+    """Return the squares (N,) of the diagonal entries of both components [m-2]."""
     own = np.diagonal(mesh.derivative)
     (_, first), (_, second) = across
     entries = first.swapaxes(2, 3) * own[:, None] + second * own
@@ -189,7 +189,7 @@ Int = NDArray[np.int32]
 
 
 class Probing:
-    """Columns that meet in no row are found by one product (Curtis, Powell & Reid 1974)."""
+    """Finds columns that share no row by one product (Curtis, Powell & Reid 1974)."""
 
     def __init__(self, mesh: Mesh) -> None:
         ones = np.ones(mesh.nodes.size, dtype=np.int8)
@@ -207,7 +207,7 @@ class Probing:
         self._ends = np.concatenate([[0], np.cumsum(counts)])
 
     def matrix(self, product: Callable[[Array], Array], fields: int) -> scipy.sparse.csr_array:
-        """(fields N, fields N) matrix of `product`, which takes and returns (fields N,)."""
+        """Return the (fields N, fields N) matrix of `product`, which maps vectors (fields N,)."""
         n = self.colours.size
         found: list[tuple[Array, Int, Int]] = []
         for colour in range(self._ends.size - 1):
@@ -226,7 +226,7 @@ class Probing:
 
 
 def _coloured(conflicts: scipy.sparse.csr_array) -> Int:
-    """(N,) the least colour that no neighbour before has."""
+    """Return (N,) colours, each the least that no earlier neighbour has."""
     colours = np.full(conflicts.shape[0], -1, dtype=np.int32)
     for node, (begin, end) in enumerate(zip(conflicts.indptr, conflicts.indptr[1:], strict=False)):
         taken = np.bincount(colours[conflicts.indices[begin:end]] + 1, minlength=2)

@@ -1,12 +1,12 @@
-"""Strips of a mesh: a launch reads what the one before it left while that is still in the cache.
+"""Strips of a mesh: a launch reads the results of the previous one while they are in the cache.
 
-Nodes are numbered by the first element that touches them.  Strips of elements are computed from the
-last one to the first: the nodes that a strip is the first to touch are then complete with it, and
-they follow one another in memory.  Launches over elements and over nodes that follow one another
-run together, strip by strip.  A strip of elements reads nodes of strips up to `reach` further on.
-Each launch over elements therefore stays `reach` strips behind the launch before it, and a launch
-over nodes follows at once.  At these distances no launch overwrites what an earlier launch has
-still to read, whatever arrays they share, so that results have the same bits.
+Nodes are numbered by the first element that touches them. Strips of elements are computed from the
+last one to the first: the nodes that a strip is the first to touch are then complete with that
+strip, and they follow one another in memory. Consecutive launches over elements and over nodes run
+together, strip by strip. A strip of elements reads nodes of strips up to `reach` further on. Each
+launch over elements therefore stays `reach` strips behind the launch before it, and a launch over
+nodes follows at once. At these distances no launch overwrites values that an earlier launch has yet
+to read, even if they share arrays, so that results have the same bits.
 """
 
 import ctypes
@@ -22,7 +22,7 @@ from swe_sphere.mesh.partition import Part
 from swe_sphere.operators.launch import Cuts, Launcher, Span
 
 NODES = 4096
-"""Element nodes of a strip: data of so many stay in the second-level cache, and longer runs of
+"""Number of element nodes of a strip: their data fit the second-level cache, and longer runs of
 memory are read faster."""
 
 
@@ -34,7 +34,7 @@ class Strips:
     """
 
     def __init__(self, part: Part, lanes: int) -> None:
-        """lanes: elements of a group."""
+        """Cut a part into strips; a group has `lanes` elements."""
         elements, points = part.elements.size, part.node_of[0].size
         width = -(-NODES // (points * BLOCK)) * BLOCK
         strip = (np.arange(elements) // width)[:, None, None]
@@ -56,7 +56,7 @@ class Strips:
 
 
 class Wave:
-    """Launches that run together over the strips of one mesh; see `sweep_strips` for its table."""
+    """Launches that run together over the strips of one mesh; see `sweep_strips` for the table."""
 
     def __init__(self, launch: Launcher) -> None:
         self._launch, self._rows, self._lag, self._strips = launch, list[Any](), 0, 0
@@ -65,7 +65,7 @@ class Wave:
         """All that the table refers to by address."""
 
     def add(self, known: tuple[Any, ...], cuts: Cuts) -> None:
-        """Append a launch.  known: its command, and what must live as long as the command."""
+        """Append a launch. known: its command, and objects that must live as long as it."""
         command, *_ = known
         bounds = type(command.bounds).from_buffer_copy(command.bounds)
         values = command.params[1:]
@@ -81,7 +81,7 @@ class Wave:
         self._kept.append((known, bounds, arguments, starts))
 
     def __call__(self) -> None:
-        """Make the launches."""
+        """Run the launches."""
         if self._command is None:
             (kernel,) = self._launch.compile(wp.float64, sweep_strips)
             table = wp.array(np.array(self._rows, np.uint64), dtype=wp.uint64, device="cpu")

@@ -14,14 +14,13 @@ from swe_sphere.operators.launch import Launcher, in_runs
 
 
 class TendencyOperator:
-    """out = DSS of the terms at x, for state vectors of shape (unknowns*N,).
+    """Sets out = DSS of the terms at x, for state vectors of shape (unknowns*N,).
 
-    `parameters` holds what the terms need beside the mesh: gravity [m s-2], nu [m2 s-1], nu4
-    [m4 s-1] and the device arrays bottom (N,) [m], wind (2N,) [m s-1], base, laplacian and forcing
+    `parameters` holds the terms' coefficients and fields: gravity [m s-2], nu [m2 s-1], nu4 [m4
+    s-1] and the device arrays bottom (N,) [m], wind (2N,) [m s-1], base, laplacian and forcing
     (unknowns*N,) and coriolis (N,) [s-1]; for each term of `point` a dictionary of its numbers and
-    fields (N,) by the name of the term.  The wind that `Pointwise.rotation` turns is that of `base`
-    in the skew form.  With a `stage` (a `stage_struct`), `out` is the result of the stage instead
-    of the rate.
+    fields (N,) by the name of the term. In the skew form `Pointwise.rotation` turns the wind of
+    `base`. With a `stage` (a `stage_struct`), `out` is the result of the stage instead of the rate.
     """
 
     def __init__(
@@ -69,9 +68,9 @@ def pointwise_operator(
     mesh: DeviceMesh, unknowns: int, launch: Launcher, parameters: Mapping[str, Any],
     point: Pointwise, stage: Any = None,
 ) -> Callable[[wp.array, wp.array], None]:  # fmt: skip
-    """Return the function (x, out) of the pointwise terms where no term has derivatives.
+    """Return the function (x, out) of the pointwise terms for a model without derivatives.
 
-    Arguments as for `TendencyOperator`.
+    Arguments are those of `TendencyOperator`.
     """
     (alone,) = launch.compile(mesh.real, assembly_kernels(unknowns, point)[1])
     structure = specialise(pointwise_sum(unknowns, point).structure, mesh.real)
@@ -84,9 +83,9 @@ def pointwise_operator(
 
 
 def fill(structure: Any, parameters: Mapping[str, Any], point: Pointwise) -> Any:
-    """Return an instance of the structure, each member the parameter of its name.
+    """Return an instance of the structure, each member set to the parameter of its name.
 
-    The coefficients of a term are in the parameter that has the name of the term.
+    The parameter with the name of a term holds the term's coefficients.
     """
     filled = structure()
     for name, member in structure.vars.items():

@@ -17,7 +17,7 @@ from swe_sphere.operators.replay import Replay
 
 
 class TracerTransport:
-    """-div(hq V) of `count` tracers, whose blocks (N,) follow each other in a vector."""
+    """Transport -div(hq V) of `count` tracers, whose blocks (N,) are consecutive in a vector."""
 
     def __init__(self, mesh: DeviceMesh, launch: Launcher, count: int) -> None:
         self.mesh, self.count, self._launch = mesh, count, launch
@@ -35,7 +35,7 @@ class TracerTransport:
         self, wind: wp.array, x: wp.array, first: int, out: wp.array, to: int, stage: Any = None,
         kernel: Any = None,
     ) -> None:  # fmt: skip
-        """out[to:] = -div(m V) for the masses m in x[first:] and the wind V in front of `wind`.
+        """Set out[to:] = -div(m V) for the masses m in x[first:] and the wind V in front of `wind`.
 
         With a `stage` (a `stage_struct`), out[to:] is the result of the stage instead of the rate.
         """
@@ -48,7 +48,7 @@ class TracerTransport:
             assemble(self._places, mesh.inverse_area, *numbers, local.flat, stage, out)
 
     def tangent(self, base: wp.array, x: wp.array, first: int, out: wp.array) -> None:
-        """out[first:] = -div(m' V + m V') for (V, m) of the state `base` and (V', m') of x."""
+        """Set out[first:] = -div(m' V + m V') for (V, m) of the state `base` and (V', m') of x."""
         if not self._has_tangent:  # explicit steppers never compile it
             self._launch.load(self._tangent)
             self._has_tangent = True
@@ -56,7 +56,7 @@ class TracerTransport:
 
 
 class MixingRatio:
-    """q = hq/h of `count` tracers at a state, and vectors that follow the depth with it.
+    """Mixing ratios q = hq/h of `count` tracers, and vectors in which tracers follow the depth.
 
     `depth` and `first`: offsets of the depth and of the first tracer in a state vector.
     """
@@ -73,31 +73,31 @@ class MixingRatio:
         )
 
     def set(self, state: wp.array) -> None:
-        """Take the mixing ratios of a state."""
+        """Store the mixing ratios of a state."""
         self._launch(self._ratio, self._dim, state, *self._offsets, self.values)
 
     def follow(self, r: wp.array, x: wp.array) -> None:
-        """x_hq = r_hq + q (x_h - r_h): what changed the depth changes the tracers with it."""
+        """Set x_hq = r_hq + q (x_h - r_h): tracers change in proportion to the depth."""
         self._launch(self._follow, self._dim, r, x, self.values, *self._offsets)
 
     def correct(
         self, flux: wp.array, air: wp.array, factor: float, r: wp.array, x: wp.array
     ) -> None:
-        """x_hq = r_hq + factor flux + q (x_h - r_h - factor air)."""
+        """Set x_hq = r_hq + factor flux + q (x_h - r_h - factor air)."""
         self._launch(self._correct, self._dim, self.values, flux, air, factor, *self._offsets, r, x)
 
 
 class Limiter:
-    """Brings mixing ratios back into their bounds in place, each tracer keeping its mass.
+    """Brings mixing ratios back into their bounds in place and conserves each tracer's mass.
 
-    The depth has to be positive.  Where the bounds cannot hold the mass (which takes sources of
-    fluid) they are kept and the mass is not.
+    The depth must be positive. If the bounds cannot hold the mass (which requires sources of
+    fluid), the limiter keeps the bounds and not the mass.
     """
 
     def __init__(
         self, mesh: DeviceMesh, launch: Launcher, depth: int, first: int, lower: Array, upper: Array
     ) -> None:
-        """depth, first: offsets of the depth and of the first tracer; bounds: one a tracer."""
+        """Prepare for the offsets `depth` and `first` in states, and bounds for each tracer."""
         self._mesh, self._launch, self._count = mesh, launch, lower.size
         self._offsets = (depth, first)
         self._bounds = (mesh.upload(lower), mesh.upload(upper))
@@ -125,7 +125,7 @@ class Limiter:
 
     def __call__(self, state: wp.array) -> None:
         """Limit the tracers of a state."""
-        if self._mesh.comm.shared:  # it adds up on the host
+        if self._mesh.comm.shared:  # ranks add on the host
             self._limit(state)
         else:
             self._replay(state.ptr, self._limit, state)
@@ -147,7 +147,7 @@ class Limiter:
         self._limit_sphere(state)
 
     def _limit_sphere(self, state: wp.array) -> None:
-        """Fill the room over the sphere with what elements could not keep."""
+        """Fill the room over the sphere with the excess of the elements."""
         size, chunks = self._mesh.size, self._mesh.chunks
         self._launch(
             self._sums, (self._count, chunks.count), self._area, state, *self._offsets, size,

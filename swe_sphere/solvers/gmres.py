@@ -1,9 +1,9 @@
-"""Flexible GMRES, the Krylov solver under every implicit step, and the Arnoldi bases of solvers.
+"""Flexible GMRES, the Krylov solver of every implicit step, and the Arnoldi bases of solvers.
 
 Saad (1993), A flexible inner-outer preconditioned GMRES algorithm, SIAM J. Sci. Comput. 14,
-461-469, doi:10.1137/0914028.  Preconditioned from the right, so that the residual it watches is the
-one of the problem itself, and flexible, so that the preconditioner may change from one iteration to
-the next.
+461-469, doi:10.1137/0914028. The preconditioner acts from the right, so that the monitored residual
+is that of the problem itself, and the method is flexible, so that the preconditioner may change
+from one iteration to the next.
 """
 
 import math
@@ -18,18 +18,18 @@ from swe_sphere.ranks.limits import check_stop
 from swe_sphere.solvers.krylov import KrylovSolver, LinearResult, Status
 from swe_sphere.solvers.vector_space import VectorSpace
 
-# Columns that lower the residual by less than this part are not used.
+# Columns that lower the residual by less than this fraction are not used.
 GAIN = 1e-6
-# A second pass is due at the latest when the first left less than this part of a vector.
+# A second pass follows at the latest if the first leaves less than this fraction of a vector.
 REMAINDER = 0.1
 WINDOW = 2
-"""Vectors that a new one is made orthogonal to in a short basis: all that count for a skew
+"""Number of vectors that a short basis orthogonalises against; this suffices for a skew
 operator, as that of waves is in the inner product of their energy (Gaudreault, Rainwater & Tokman
 2018)."""
 
 
 class KrylovBasis:
-    """Room for `size` vectors; `rows[k]` is the k-th, in the memory of `stack` (size, n).
+    """Memory for `size` vectors; `rows[k]` is the k-th, in the memory of `stack` (size, n).
 
     A vector is made orthogonal to all vectors before it, or to the last WINDOW in a short basis.
     """
@@ -40,24 +40,24 @@ class KrylovBasis:
         self.rows = [self.stack[k] for k in range(size)]
         self._firsts = [max(0, k - WINDOW) if short else 0 for k in range(size)]
         self._stacks = [self.stack[first:] if first else self.stack for first in self._firsts]
-        # bound of |I - V' V|, and how far it may grow: semi-orthogonality is as good as the full
-        # one for what is read off the projections (Simon 1984, doi:10.1016/0024-3795(84)90025-9)
+        # bound of |I - V' V|, and its limit: semi-orthogonality suffices for the projections
+        # (Simon 1984, doi:10.1016/0024-3795(84)90025-9)
         self._loss = 0.0
         self._allowed = math.sqrt(space.epsilon)
 
     def start(self, length: float) -> None:
-        """Begin again with rows[0], whose length is given."""
+        """Restart with rows[0], whose length is given."""
         self.space.scale(1.0 / length, self.rows[0])
         self._loss = self.space.epsilon
 
     def extend(self, count: int) -> tuple[Array, float]:
-        """Make v = rows[count] orthonormal to the k rows before it that it is made orthogonal to.
+        """Make v = rows[count] orthonormal to the k rows that its orthogonalisation uses.
 
-        Returns (c (k,), r) with v at entry = sum_s c_s rows[s] + r v at exit.  r is 0, and v at
-        exit without meaning, when v lies in the span of the rows to round-off; r is not finite when
-        v is not.  Classical Gram-Schmidt, with a second pass where cancellation calls for one and
-        then no more ("twice is enough": Parlett, The Symmetric Eigenvalue Problem, section 6.9;
-        Giraud, Langou, Rozloznik & van den Eshof 2005, doi:10.1007/s00211-005-0615-4).
+        Returns (c (k,), r) with v at entry = sum_s c_s rows[s] + r v at exit. r is 0, and v at exit
+        meaningless, if v lies in the span of the rows to round-off; r is not finite if v is not.
+        Classical Gram-Schmidt, with a single second pass after cancellation ("twice is enough":
+        Parlett, The Symmetric Eigenvalue Problem, section 6.9; Giraud, Langou, Rozloznik & van den
+        Eshof 2005, doi:10.1007/s00211-005-0615-4).
         """
         c, square = self._project(count)
         rest = square - float(c.dot(c))
@@ -74,16 +74,17 @@ class KrylovBasis:
         return c + more, self._subtract(count, more, rest)
 
     def _project(self, count: int) -> tuple[Array, float]:
-        """Products of a row with the rows before it, and with itself."""
+        """Return the products of a row with the rows before it, and with itself."""
         size = count - self._firsts[count] + 1
         products = self.space.projections((self._stacks[count], size, self.rows[count]))
         return products[:-1].copy(), float(products[-1])
 
     def _stays_orthogonal(self, square: float, rest: float) -> bool:
-        """Return whether one pass, which leaves `rest` of `square`, keeps the basis orthogonal.
+        """Return whether one pass, after which `rest` of `square` remains, keeps orthogonality.
 
-        What orthogonality was lost before is amplified: the new row is off the others by
-        |E c| / r + round-off |v| / r, and off length one, because of Pythagoras, by c' E c / r^2.
+        The pass amplifies an earlier loss of orthogonality: the products of the new row with the
+        others become |E c| / r + round-off |v| / r, and its length differs from one, by Pythagoras,
+        by c' E c / r^2.
         """
         if self._short:
             return True
@@ -96,9 +97,9 @@ class KrylovBasis:
         return True
 
     def _subtract(self, count: int, c: Array, rest: float) -> float:
-        """Take the components off the vector and normalise it; returns its length before that.
+        """Subtract the components from the vector and normalise it; return its length before that.
 
-        The length comes from Pythagoras, which there is accurate: the vector is read once less.
+        The length comes from Pythagoras, which is accurate here and saves one pass over the vector.
         """
         length, row = math.sqrt(rest), self.rows[count]
         self.space.combine(row, self._stacks[count], -c, row, 1.0 / length)
@@ -106,11 +107,11 @@ class KrylovBasis:
 
 
 class HessenbergLeastSquares:
-    """min_y |beta e_1 - H y| for an upper Hessenberg H (k + 1, k) that grows by a column at a time.
+    """Solves min_y |beta e_1 - H y| for an upper Hessenberg H (k + 1, k) that grows by columns.
 
-    Saad, Iterative Methods for Sparse Linear Systems (2003), section 6.5.3.  Plain floats: at the
-    sizes of a Krylov basis they are faster than numpy.  A diagonal of the triangle that cancelled
-    to round-off (epsilon) counts as zero, and its component of y as open.
+    Saad, Iterative Methods for Sparse Linear Systems (2003), section 6.5.3. Python floats are
+    faster than numpy at the sizes of a Krylov basis. A diagonal entry of the triangle that
+    cancelled to round-off (epsilon) counts as zero, and its component of y as undetermined.
     """
 
     def __init__(self, beta: float, epsilon: float) -> None:
@@ -122,12 +123,12 @@ class HessenbergLeastSquares:
         self._sizes: list[float] = []
 
     def append(self, column: Sequence[float], below: float) -> float:
-        """Add the column H[:k, k-1], H[k, k-1] = below; returns the least |beta e_1 - H y|."""
+        """Add the column H[:k, k-1], H[k, k-1] = below; return the least |beta e_1 - H y|."""
         c = list(column)
         for i, (cosine, sine) in enumerate(self._rotations):
             c[i], c[i + 1] = cosine * c[i] + sine * c[i + 1], cosine * c[i + 1] - sine * c[i]
         diagonal = math.hypot(c[-1], below)
-        # at a breakdown (below = 0) what an ill-conditioned H leaves there is its noise
+        # at a breakdown (below = 0) this entry of an ill-conditioned H is noise
         smallest = self._epsilon ** (1.0 / 3.0) if below == 0.0 else 8.0 * self._epsilon
         self._sizes.append(math.hypot(*column, below))
         if diagonal > smallest * self._sizes[-1]:
@@ -142,10 +143,10 @@ class HessenbergLeastSquares:
         return self._residuals[-1]
 
     def solve(self) -> tuple[Array, float, float]:
-        """The minimising y, the residual it leaves, and the size of the terms that cancel in H y.
+        """Return the minimising y, its residual, and the size of the terms that cancel in H y.
 
-        y is shorter than H is wide where the last columns gain nothing, or less than they cost by
-        round-off in those terms, sum_k |y_k| |H e_k|: so it is when the operator is singular.
+        y is shorter than H is wide if the last columns gain nothing, or less than their round-off
+        in those terms, sum_k |y_k| |H e_k|, costs; this happens if the operator is singular.
         """
         residuals = self._residuals
         enough = (1.0 + GAIN) * residuals[-1]
@@ -159,7 +160,7 @@ class HessenbergLeastSquares:
         return np.array(y), residuals[count], terms
 
     def _solve(self, count: int) -> tuple[list[float], float]:
-        """The y of the first columns alone, by back substitution, and the size of the terms."""
+        """Return y for the first `count` columns, by back substitution, and the terms' size."""
         y = self._rhs[:count]
         for k in range(count - 1, -1, -1):
             column = self._columns[k]
@@ -170,15 +171,15 @@ class HessenbergLeastSquares:
 
 
 class FlexibleGMRES(KrylovSolver):
-    """Solver of A x = b with room for `size` basis vectors; keep it, it allocates once.
+    """Solver of A x = b with `size` basis vectors; keep the instance, as it allocates only once.
 
-    Memory: (size + 1) vectors, and `size` more from the first preconditioned solve on; on a CPU
-    only as many of each as the longest cycle so far has had.  After anything not finite, x is as it
-    was at the last restart.
+    Memory: (size + 1) vectors, and `size` more from the first preconditioned solve on; a CPU uses
+    only as many of each as the longest cycle so far. If a vector becomes non-finite, x keeps its
+    value at the last restart.
     """
 
     def __init__(self, space: VectorSpace, size: int = 30) -> None:
-        """Raises ConfigError for a size below 1."""
+        """Allocate the basis; raises ConfigError for a size below 1."""
         if size < 1:
             raise ConfigError(f"GMRES needs room for at least one basis vector, not {size}")
         self.space, self.size = space, size
@@ -188,7 +189,7 @@ class FlexibleGMRES(KrylovSolver):
         self._image_rows: list[wp.array] = []
 
     def _cycle(self, p: LinearResult) -> None:
-        """Arnoldi from the residual in row 0 until met, full or broken down; then update x."""
+        """Iterate from the residual in row 0 until met, full or broken down; then update x."""
         start, rows, epsilon = p.residual, self._basis.rows, self.space.epsilon
         if p.precondition is not None and self._images is None:
             self._images = self.space.room(self.size)
@@ -216,7 +217,7 @@ class FlexibleGMRES(KrylovSolver):
         y, p.history[-1], terms = small.solve()
         self.space.combine(p.x, stack, y, p.x)
         p.terms += terms
-        # a full basis may creep; any other cycle is expected to gain far more than a half
+        # a full basis may converge slowly; any other cycle should gain far more than a half
         most = (0.5 if met or broken else 0.999) * start
         largest = math.sqrt(epsilon) * p.scale
         self._judge(p, most, ": the operator is singular" * broken, largest)

@@ -1,9 +1,9 @@
 """The linear gravity waves that semi-implicit steppers treat implicitly.
 
 L(V, h) = (-g G h, -D(H V)): waves about rest under a level surface, H deep above the bottom, with
-the model's own discrete, DSS'd gradient and divergence, so that F - L keeps mass as F does.  With D
-and G adjoint, S = I - tau^2 g D H G is symmetric for the areas as weights.  The Coriolis force is
-explicit.
+the model's own discrete gradient and divergence after DSS, so that F - L conserves mass as F does.
+With D and G adjoint, S = I - tau^2 g D H G is symmetric in the inner product weighted by areas. The
+Coriolis force is explicit.
 """
 
 import time
@@ -28,18 +28,18 @@ from swe_sphere.solvers.preconditioners.multilevel import Multilevel, schur_oper
 from swe_sphere.solvers.vector_space import VectorSpace
 
 DEEPEST = 0.8
-"""Least reference depth, as a part of that below the highest surface.  Where fluid is deeper than
-its reference, explicit waves grow sooner than where it is shallower (docs/results)."""
+"""Least reference depth, as a fraction of that below the highest surface.  Explicit waves grow
+sooner in fluid deeper than its reference than in shallower fluid (docs/results/imex_steps.md)."""
 INERTIAL = 1.25
-"""How much more explicit inertial waves limit steps than advection of the same frequency: by
-measurement on meshes so coarse that they do (docs/results)."""
+"""Ratio of the limits from advection and from explicit inertial waves of the same frequency,
+measured on meshes coarse enough that inertial waves limit the step (docs/results/imex_steps.md)."""
 
 
 def reference_depth(model: Model) -> Array:
-    """Depth (N,) below the mean surface of the initial state [m], or 0.8 of that below the highest.
+    """Return the depth (N,) [m] below the mean initial surface, or 0.8 of that below the highest.
 
-    The larger of both.  Of linearised dynamics it is that of the base.  Raises ConfigError for a
-    scene without gravity waves.
+    The larger of both is used. In linearised dynamics it is the depth of the base. Raises
+    ConfigError for a scene without gravity waves.
     """
     if model.scene.effect("pressure-gradient") is None:
         raise ConfigError(
@@ -55,7 +55,7 @@ def reference_depth(model: Model) -> Array:
 
 
 def state_of_rest(model: Model) -> wp.array:
-    """Return a fluid (3N,) without motion, as deep as the reference depth."""
+    """Return a fluid (3N,) at rest with the reference depth."""
     winds = np.zeros(2 * model.mesh.size)
     return model.device_mesh.scatter(np.concatenate([winds, reference_depth(model)]))
 
@@ -69,11 +69,11 @@ def wave_operator(model: Model, rest: wp.array) -> Operator:
 
 
 def explicit_spectrum(model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
-    """Spectral radii [s-1] of what limits explicit steps of F - L, and of dissipation.
+    """Return the spectral radii [s-1] that limit explicit steps of F - L, and of dissipation.
 
-    That is the advection, and where it is slow the Coriolis force.  F - L has larger eigenvalues,
-    of both in one place, but as the gravity waves are implicit those do not grow
-    (docs/results).  With custom effects all of F - L counts.  Raises ConfigError for a scene
+    They are those of advection and, if it is slow, of the Coriolis force. F - L has larger
+    eigenvalues, of both together, but with implicit gravity waves these modes do not grow
+    (docs/results/imex_steps.md). With custom effects all of F - L counts. Raises ConfigError for a scene
     without gravity waves.
     """
     at_rest = state_of_rest(model)
@@ -86,7 +86,7 @@ def explicit_spectrum(model: Model, state: wp.array, t: float = 0.0) -> Spectrum
         tendency = model.right_hand_side("conservative", fluid_only=True)
 
         def rest(x: wp.array, out: wp.array) -> None:
-            """out = (F - L) x for wind and depth."""
+            """Set out = (F - L) x for wind and depth."""
             tendency(x, t, out)
             linear(x, image)
             space.axpy(-1.0, image, out)
@@ -96,7 +96,7 @@ def explicit_spectrum(model: Model, state: wp.array, t: float = 0.0) -> Spectrum
 
 
 def advection_rate(model: Model, state: wp.array, t: float = 0.0) -> float:
-    """Spectral radius [s-1] of the advection of depth by the wind of a state, -div(V h)."""
+    """Return the spectral radius [s-1] of the advection of depth by a state's wind, -div(V h)."""
     winds = 2 * model.device_mesh.size
     wind = wp.clone(state[:winds])
     tendency = model.right_hand_side("conservative", fluid_only=True)
@@ -112,13 +112,13 @@ def advection_rate(model: Model, state: wp.array, t: float = 0.0) -> float:
 class TracerWaves:
     """L_hq(V) = -div(q H V), the tracers' rows of L, with the mixing ratios q of one state.
 
-    Nothing depends on tracers, so that (I - tau L)^-1 needs no solve for them; but they have to
-    follow the depth: where its waves are implicit and those of hq explicit, a constant q would not
-    stay constant.  What the solver leaves as residual of the depth is taken over times q.
+    Nothing depends on tracers, so that (I - tau L)^-1 needs no solve for them; but they must follow
+    the depth: if its waves were implicit and those of hq explicit, a constant q would not stay
+    constant. The solver's residual of the depth, times q, is added to the tracers.
     """
 
     def __init__(self, model: Model, tracers: TracerEquations, rest: wp.array) -> None:
-        """rest: wind and depth without motion, the reference depth H [m]."""
+        """Store `rest`, wind and depth without motion, with the reference depth H [m]."""
         mesh, count, n = model.device_mesh, tracers.count, model.device_mesh.size
         self._rest, self._depth, self._first = rest, tracers.depth, tracers.first
         self._launch, (self._carry,) = model.launch, model.launch.compile(mesh.real, mass_flux)
@@ -135,16 +135,16 @@ class TracerWaves:
         self._space = VectorSpace(area, mesh=mesh)
 
     def linearise(self, state: wp.array) -> None:
-        """Take the mixing ratios of a state."""
+        """Store the mixing ratios of a state."""
         self._ratio.set(state)
 
     def apply(self, d: wp.array, out: wp.array) -> None:
-        """out_hq = L_hq d."""
+        """Set out_hq = L_hq d."""
         self._carry_rest(d)
         self._transport(self._flow, self._ratio.values, 0, out, self._first)
 
     def solve(self, tau: float, r: wp.array, x: wp.array) -> None:
-        """x_hq = r_hq + tau L_hq x + q (residual of x_h), with the mass of r_hq."""
+        """Set x_hq = r_hq + tau L_hq x + q (residual of x_h), with the mass of r_hq."""
         self._carry_rest(x)
         self._transport(self._flow, self._ratio.values, 0, self._flux, 0)
         self._air_transport(self._flow, self._ones, 0, self._air, 0)
@@ -153,29 +153,29 @@ class TracerWaves:
             self._space.match_mean(r, x, unit)
 
     def _carry_rest(self, d: wp.array) -> None:
-        """flow = H V."""
+        """Set flow = H V."""
         n = self._ones.size
         self._launch(self._carry, n, d, self._rest, self._depth, n, 0, self._rate, self._flow)
 
 
 class FluxWaves:
-    """L_G(V) = H V: what the waves carry across a point, in the place of tracers."""
+    """L_G(V) = H V: the mass flux of the waves at a point, in place of tracers."""
 
     def __init__(self, model: Model, flux: MassFlux, rest: wp.array) -> None:
-        """rest: wind and depth without motion, the reference depth H [m]."""
+        """Store `rest`, wind and depth without motion, with the reference depth H [m]."""
         self._launch, self._flux, self._rest = model.launch, flux, rest
         self._add = combine_kernel(model.device_mesh.real, 1)
         self._launch.load(self._add)
 
     def linearise(self, state: wp.array) -> None:
-        """Nothing depends on the state."""
+        """Do nothing, because nothing depends on the state."""
 
     def apply(self, d: wp.array, out: wp.array) -> None:
-        """out_G = L_G d."""
+        """Set out_G = L_G d."""
         self._flux.carry(d, self._rest, out)
 
     def solve(self, tau: float, r: wp.array, x: wp.array) -> None:
-        """x_G = r_G + tau L_G x."""
+        """Set x_G = r_G + tau L_G x."""
         self.apply(x, x)
         old, crossed = (each[self._flux.first :] for each in (r, x))
         self._launch(self._add, crossed.size, old, crossed, tau, crossed)
@@ -210,18 +210,18 @@ class GravityWaves:
         self.tau, self.setups, self.setup_seconds = 0.0, 0, 0.0
 
     def linearise(self, state: wp.array) -> None:
-        """Fix the mixing ratios with which tracers follow the waves; nothing to do without any."""
+        """Fix the mixing ratios with which tracers follow the waves."""
         if self._tracers is not None:
             self._tracers.linearise(state)
 
     def apply(self, d: wp.array, out: wp.array) -> None:
-        """out = L d, both states."""
+        """Set out = L d, both states."""
         self._apply_to_fluid(d, out)
         if self._tracers is not None:
             self._tracers.apply(d, out)
 
     def setup(self, tau: float) -> None:
-        """Prepare for the implicit step tau [s]; nothing to do if it is the last one."""
+        """Prepare for the implicit step tau [s]; no work if it equals the last one."""
         if tau == self.tau:
             return
         start = time.perf_counter()
@@ -237,11 +237,10 @@ class GravityWaves:
         self.setup_seconds += time.perf_counter() - start
 
     def solve(self, r: wp.array, guess: wp.array, out: wp.array, tolerance: float) -> LinearResult:
-        """out = (I - tau L)^-1 r, both states, from a guess (N,) of the depth.
+        """Set out = (I - tau L)^-1 r, both states, from a guess (N,) of the depth.
 
-        tolerance: of the residual of the eliminated system, relative to its right-hand side.  The
-        masses of `out` are those of r, whatever the tolerance.  All are of the run's number
-        type.
+        tolerance: residual of the eliminated system relative to its right-hand side. The masses of
+        `out` are those of r, whatever the tolerance. All arrays are of the run's number type.
         """
         b, h = self._fields
         self.operator.eliminate(r, b)

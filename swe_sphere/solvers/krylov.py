@@ -1,4 +1,4 @@
-"""Krylov solvers: how they begin, when they end and what they report; conjugate gradients."""
+"""Krylov solvers: initial residual, stopping criteria, results; conjugate gradients."""
 
 import math
 from abc import ABC, abstractmethod
@@ -15,17 +15,17 @@ from swe_sphere.solvers.vector_space import VectorSpace
 # An operator reads its first vector and writes its second.
 Operator = Callable[[wp.array, wp.array], None]
 
-# Below this many round-offs of the terms that cancel in it, the residual of a recurrence is not
-# believed: it goes on falling where the true one cannot.
+# Below this many round-offs of the terms that cancel in it, the residual of a recurrence is
+# unreliable: it continues to fall when the true residual cannot.
 UNTRUSTED = 1e4
-# A true residual of so few round-offs of its terms that no longer falls is as small as it gets.
+# A true residual of so few round-offs of its terms that no longer falls is at its minimum.
 MOST_ROUNDOFFS = 1e3
-# Part of a residual norm down to which those after it are told from products alone.
+# Fraction of a residual norm down to which later norms follow from products alone.
 FALL = 1e-3
 
 
 class Status(Enum):
-    """How a solve ended."""
+    """Status of a solve at its end."""
 
     CONVERGED = "converged"
     STAGNATED = "stagnated"
@@ -35,12 +35,11 @@ class Status(Enum):
 
 @dataclass(kw_only=True)
 class SolveResult(ABC):
-    """A solve, under way and after its end.
+    """A solve, in progress or finished.
 
     history: norms of the residual, in the norm of the space, at the start and after each iteration.
-    target: residual norm that ends the solve.
-    roundoff: the solution is as good as the arithmetic allows, which missed the tolerance; the
-    status is CONVERGED then.
+    target: residual norm that ends the solve. roundoff: the solution is as accurate as the
+    arithmetic allows but misses the tolerance; the status is CONVERGED then.
     """
 
     history: list[float]
@@ -52,7 +51,7 @@ class SolveResult(ABC):
     @property
     @abstractmethod
     def counts(self) -> str:
-        """Iterations and residuals, for the message."""
+        """Return iterations and residuals for the message."""
 
     def end(self, status: Status, message: str, roundoff: bool = False) -> Self:
         """Return this result with its status, and its message with counts and residuals."""
@@ -75,10 +74,10 @@ class SolveResult(ABC):
 class LinearResult(SolveResult):
     """A solve of operator(x) = rhs.
 
-    scale: norm of the right-hand side; limit: iterations allowed; guess: whether it began from an x
-    other than 0; terms: size of the terms that the residual is the difference of.  Within a cycle
-    the history has the residuals of the recurrence; at a restart and where a tolerance comes near
-    round-off they are recomputed from the solution.
+    scale: norm of the right-hand side; limit: largest number of iterations; guess: True if it began
+    from a nonzero x; terms: size of the terms whose difference is the residual. Within a cycle the
+    history contains the residuals of the recurrence; at a restart, and if a tolerance approaches
+    round-off, they are recomputed from the solution.
     """
 
     operator: Operator
@@ -93,17 +92,17 @@ class LinearResult(SolveResult):
 
     @property
     def counts(self) -> str:
-        """Iterations and the relative residual."""
+        """Return iterations and the relative residual."""
         relative = self.residual / (self.scale or 1.0)
         return f"{self.iterations} iterations, relative residual {relative:.1e}"
 
 
 class KrylovSolver(ABC):
-    """Solver of A x = b; keep it, it allocates once."""
+    """Solver of A x = b; keep the instance, as it allocates only once."""
 
     space: VectorSpace
     _residual: wp.array
-    """The vector that iterations begin with."""
+    """Vector that starts the iterations."""
 
     def solve(
         self, operator: Operator, rhs: wp.array, x: wp.array, precondition: Operator | None = None,
@@ -113,11 +112,11 @@ class KrylovSolver(ABC):
         """Solve operator(x) = rhs (n,) from the guess x, which is replaced by the solution.
 
         operator(v, out) must be linear; precondition(r, out) is an approximate inverse of it, which
-        may vary.  Both see vectors of this solver: they must not write to the first nor keep
-        either.  Converged means |rhs - A x| <= rtol |rhs| [norm of the space]; a tolerance that the
-        arithmetic cannot reach, 0 included, is met by a residual of round-off size, and the result
-        then says `roundoff`.  scale: |rhs| where it is known; guess: false where x holds none, for
-        0.  Nothing that is not finite is ever added to x.
+        may vary. Both receive vectors of this solver: they must not write to the first one nor keep
+        either. Converged means |rhs - A x| <= rtol |rhs| [norm of the space]; a tolerance below the
+        accuracy of the arithmetic, 0 included, is met by a residual of round-off size, and the
+        result then sets `roundoff`. scale: |rhs| if it is known; guess: False if x contains no
+        guess and stands for 0. x never receives a value that is not finite.
         """
         scale = self.space.norm(rhs) if scale is None else scale
         p = LinearResult(
@@ -144,7 +143,7 @@ class KrylovSolver(ABC):
         """Iterate up to the next true residual; end the solve there if nothing is to be gained."""
 
     def _true_residual(self, p: LinearResult) -> float:
-        """Put rhs - A x where iterations begin; returns its norm."""
+        """Store rhs - A x in the vector that starts iterations; return its norm."""
         if not p.history and not p.guess:
             self.space.copy(p.rhs, self._residual)
             return p.scale
@@ -155,10 +154,10 @@ class KrylovSolver(ABC):
     def _judge(
         self, p: LinearResult, most: float, why: str = "", largest: float = math.inf
     ) -> None:
-        """End the solve if the residual after a cycle says so.
+        """End the solve if the residual after a cycle requires it.
 
-        most: a larger one than this has stagnated; why: the cause of that, for the message;
-        largest: residual that may be round-off.
+        most: a larger residual has stagnated; why: the cause of that, for the message; largest:
+        residual that may be round-off.
         """
         epsilon = self.space.epsilon
         if p.residual <= p.target and p.target >= UNTRUSTED * epsilon * p.terms:
@@ -183,14 +182,14 @@ class KrylovSolver(ABC):
 class ConjugateGradients(KrylovSolver):
     """Solver of A x = b for A symmetric and positive in the inner product of the space.
 
-    It holds five vectors, and takes products at one place an iteration: ranks wait there for each
-    other.  Diverged means that the operator or the preconditioner is not positive.
+    It holds five vectors, and computes all products at one point of an iteration, where ranks wait
+    for each other. Diverged means that the operator or the preconditioner is not positive.
 
-    Flexible: the next direction is made conjugate to the last one whatever the preconditioner does
-    (Golub & Ye 1999, doi:10.1137/S1064827597323415; Notay 2000, doi:10.1137/S1064827599362314).  So
+    The method is flexible: the next direction is conjugate to the last one for any preconditioner
+    (Golub & Ye 1999, doi:10.1137/S1064827597323415; Notay 2000, doi:10.1137/S1064827599362314). So
     a preconditioner in float32, or one that is not quite symmetric, costs an iteration or two and
-    never the answer.  With A z of the preconditioned residual z at hand, all products of an
-    iteration are taken at once, and the image A d of the direction is carried on (Chronopoulos &
+    never the solution. Given A z of the preconditioned residual z, all products of an iteration are
+    computed at once, and the image A d of the direction is updated by recurrence (Chronopoulos &
     Gear 1989, doi:10.1016/0377-0427(89)90045-9).
     """
 
@@ -201,14 +200,14 @@ class ConjugateGradients(KrylovSolver):
         self._direction, self._preconditioned = space.zeros(), space.zeros()
 
     def _cycle(self, p: LinearResult) -> None:
-        """Descend to the target, and judge by the true residual where it may be another one."""
+        """Descend to the target, and compute the true residual if it may differ."""
         start = p.residual
         self._descend(p, max(p.target, self.space.epsilon * p.terms))
         if p.status is None:
             self._judge(p, 0.5 * start)
 
     def _descend(self, p: LinearResult, goal: float) -> None:
-        """Iterate from the residual in place until it is down to the goal, or fails.
+        """Iterate from the stored residual until it is down to the goal, or fails.
 
         Products are named by their vectors: r the residual, z = M r, w = A z, d the last direction
         and s = A d.
@@ -225,7 +224,7 @@ class ConjugateGradients(KrylovSolver):
             stack = self._stack
             found = space.projections((stack, 3, z), (stack, 3, w), (stack, 2, r), (stack, 1, s))
             sz, rz, wz, sw, rw, ww, sr, rr, ss = map(float, found)
-            # how much of d to add to z, to be conjugate to d, and <., A .> of that
+            # multiple of d that makes z conjugate to d, and <., A .> of the sum
             keep = -sz / curvature if curvature else 0.0
             curvature = wz + keep * sz
             if not abs(curvature) > math.sqrt(space.epsilon) * abs(wz):
@@ -246,6 +245,6 @@ class ConjugateGradients(KrylovSolver):
             # |r - step (w + keep s)|^2
             square = ww + keep * (2.0 * sw + keep * ss)
             rest = rr - step * (2.0 * (rw + keep * sr) - step * square)
-            if rest <= FALL**2 * rr:  # little is left of what cancels
+            if rest <= FALL**2 * rr:  # the norm has lost digits by cancellation
                 rest = space.dot(r, r)
             p.history.append(math.sqrt(rest))

@@ -1,15 +1,15 @@
 """Linear equations whose sources are polynomials in time, solved by a Krylov method.
 
-w' = A w + sum_k t^(k-1)/(k-1)! u_k from w(0) = 0 comes at t = T to sum_k T^k phi_k(T A) u_k: all
-products of an exponential integrator in one.  With w_j, the j-th derivative of w at a time s, found
-by p products with A, the solution goes on as
+w' = A w + sum_k t^(k-1)/(k-1)! u_k from w(0) = 0 reaches sum_k T^k phi_k(T A) u_k at t = T: all
+products of an exponential integrator at once. With w_j, the j-th derivative of w at a time s,
+computed by p products with A, the solution continues as
 
     w(s + t) = sum_(j<p) t^j/j! w_j + t^p phi_p(t A) w_p
 
-(Niesen & Wright 2012, phipm), of which only the last term needs a Krylov
-basis.  As in KIOPS (Gaudreault, Rainwater & Tokman 2018) the basis is made by incomplete
-orthogonalisation, an estimate of the error says when it is large enough, or how far the largest one
-reaches, and the rest is done in further steps.
+(Niesen & Wright 2012, phipm), of which only the last term needs a Krylov basis. As in KIOPS
+(Gaudreault, Rainwater & Tokman 2018) the basis is orthogonalised incompletely. An error estimate
+shows when it is large enough, or how far the largest one reaches; further steps cover the remaining
+time.
 """
 
 import math
@@ -34,18 +34,18 @@ class SmallMatrix:
         self.columns = 0
 
     def append(self, above: Array, below: float) -> None:
-        """Add a column: its last entries down to the diagonal, others being 0, and that below."""
+        """Add a column: `above` ends on the diagonal, entries before it are 0; then `below`."""
         j = self.columns
         self._entries[j + 1 - len(above) : j + 1, j] = above
         self._entries[j + 1, j] = below
         self.columns = j + 1
 
     def phi(self, order: int, t: float) -> tuple[Array, float]:
-        """Coefficients (m + 1,) of t^order phi_order(t A) v_0, and an estimate of the error.
+        """Return coefficients (m + 1,) of t^order phi_order(t A) v_0, and an estimate of the error.
 
-        phi_k of t H and the one after it come from one exponential (Sidje 1998, Expokit): the last
-        entry of the latter, times the last of H, is about the error of the basis of m vectors, and
-        here the coefficient of one vector more.
+        phi_k and phi_(k+1) of t H come from one exponential (Sidje 1998, Expokit): the last entry
+        of the latter, times the last entry of H, estimates the error of the basis of m vectors, and
+        serves here as the coefficient of one more vector.
         """
         m = self.columns
         matrix = np.zeros((m + order + 1, m + order + 1))
@@ -58,29 +58,29 @@ class SmallMatrix:
         return t**order * np.append(found[:m, m + order - 1], last), t**order * abs(float(last))
 
     def radius(self) -> float:
-        """About the spectral radius of the skew part of A, for a basis by short recurrences."""
+        """Approximate spectral radius of the skew part of A, for a basis by short recurrences."""
         m = self.columns
         couplings = np.diag(self._entries, -1)[: m - 1] - np.diag(self._entries, 1)[: m - 1]
         return float(couplings.mean()) if m > 1 else 0.0
 
 
 SIZE = 100
-"""Vectors of a basis: functions of a larger matrix cost more than the products they save."""
+"""Largest number of vectors of a basis: functions of a larger matrix cost more than they save."""
 FIRST_LOOK = 5
 APART = 16
-"""Looks at the error are a part of the basis apart: one over this, of the vectors there are."""
+"""The error is estimated each time the basis has grown by one over this number."""
 SHORTER = 0.85
-"""Part of a time to which the largest basis does not reach that is tried next."""
+"""Factor that shortens a time which the largest basis does not reach."""
 SHORTEST = 1e-4
-"""Part of the whole time below which a step of a solve is a failure."""
+"""Fraction of the whole time below which a step counts as a failure."""
 
 
 @dataclass
 class ExponentialResult:
-    """A solve, under way and after its end, to `length` [s] with an error of at most `tolerance`.
+    """A solve, in progress or finished, to `length` [s] with an error of at most `tolerance`.
 
-    iterations: Krylov vectors; steps: parts of the length; done: the time [s] that is reached;
-    fault: what went wrong, if anything.
+    iterations: Krylov vectors; steps: steps taken; done: the time [s] that is reached; fault:
+    description of a failure, if any.
     """
 
     operator: Operator
@@ -94,10 +94,10 @@ class ExponentialResult:
 
 
 class KrylovExponential:
-    """Solver with room for `size` basis vectors and `terms` sources; keep it, it allocates once.
+    """Solver with `size` basis vectors and `terms` sources; keep it, as it allocates only once.
 
     The sources are u_k = A d_k + e_k, k = 1 ... `terms`: d_k in moved[k - 1], e_k in plain[k - 1].
-    The products with A in them cost a solve nothing.  d_1 has to stay 0.
+    Their products with A add no cost to a solve. d_1 must stay 0.
     """
 
     def __init__(self, space: VectorSpace, terms: int, size: int = SIZE) -> None:
@@ -112,10 +112,10 @@ class KrylovExponential:
     def solve(
         self, operator: Operator, terms: int, length: float, tolerance: float, out: wp.array
     ) -> ExponentialResult:
-        """out = sum_(k <= terms) T^k phi_k(T A) u_k for T = length, to a tolerance [norm of out].
+        """Set out = sum_(k <= terms) T^k phi_k(T A) u_k for T = length, to a tolerance.
 
-        A tolerance that the arithmetic cannot reach, 0 included, is met by an error of round-off
-        size.  After a fault `out` has no meaning.
+        The tolerance is one of the norm of out; if it is below the accuracy of the arithmetic, 0
+        included, an error of round-off size meets it. After a fault `out` is meaningless.
         """
         p = ExponentialResult(operator, terms, length, tolerance)
         self.space.clear(out)
@@ -136,7 +136,7 @@ class KrylovExponential:
         return p
 
     def _differentiate(self, p: ExponentialResult, w: wp.array) -> float:
-        """The first derivatives of w at the present time; the last is a basis' first vector."""
+        """Compute the first derivatives of w at the present time; the last starts the basis."""
         space, last = self.space, w
         for j in range(p.terms):
             powers = [p.done**k / math.factorial(k) for k in range(p.terms - j)]
@@ -151,7 +151,7 @@ class KrylovExponential:
         return space.norm(last)
 
     def _reach(self, p: ExponentialResult, size: float, rest: float) -> tuple[float, Array]:
-        """How far a basis gets, 0 where it does not, and the coefficients of its vectors."""
+        """Return the time that a basis reaches, 0 if none, and its vectors' coefficients."""
         nothing = np.zeros(0)
         if size == 0.0:
             return rest, nothing
@@ -169,7 +169,7 @@ class KrylovExponential:
                 coefficients, error = small.phi(p.terms, rest)
                 if self._is_small(p, error, rest, size):
                     return rest, size * coefficients
-                # waves are resolved by no fewer vectors than the angle that the fastest turns
+                # waves need at least as many vectors as the phase [rad] of the fastest
                 least = small.columns + 2 + small.columns // APART
                 look = max(least, math.ceil(rest * small.radius()))
         t = SHORTER * min(rest, self.size / max(small.radius(), self.size / rest))

@@ -16,22 +16,22 @@ from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.krylov import Operator, SolveResult, Status
 from swe_sphere.solvers.vector_space import VectorSpace
 
-# A correction of so few round-offs of the unknown is one that the unknown cannot resolve.
+# The unknown cannot resolve a correction of so few of its round-offs.
 ROUNDOFFS = 1e3
-# What a solve at least makes of the residual of its guess: guesses that are taken as they are, step
-# after step, would be an explicit scheme.
+# Least reduction of the guess's residual by a solve: accepting every guess unchanged would be an
+# explicit scheme.
 LEAST_GAIN = 0.5
 
 LAST, ALMOST = 0.7, 0.9
-"""A step is the last one if it misses less than the former part of what is wanted; it is solved to
-the latter part of what that leaves."""
+"""A step is the last one if its estimated error is below the first fraction of the target; the
+linear solve then uses the second fraction of the remaining tolerance."""
 SAFETY = 2.0
 LEAST = 1e-6
-"""Linear systems are not solved further than that at once, unless that is all that is wanted."""
+"""Least relative tolerance of a linear solve, unless the target itself is smaller."""
 
 DECREASE = 1e-4
 SHORTEST = 0.1
-"""Least part of a trial step that the next one is."""
+"""Least ratio of a trial step to the one before."""
 TRIALS = 11
 
 Forcing = Callable[[float, float, float | None], float]
@@ -41,20 +41,20 @@ before the first."""
 
 
 FIRST = 0.02
-"""The forcing term while nothing is known."""
+"""Forcing term of the first step, before any estimate."""
 CAP = 0.1
-"""Largest forcing term, unless half of what is wanted is more.  One well below the customary 0.9
+"""Largest forcing term, unless half of the target is more.  A value well below the customary 0.9
 saves Newton iterations, whose residuals are expensive."""
 
 
 def followed_nonlinearity(norm: float, target: float, nonlinearity: float | None) -> float:
     """Return the `Forcing` that is as exact as the linear model was in the step before.
 
-    Choice 1 of Eisenstat & Walker (doi:10.1137/0917003, 1996, eq. 2.2) takes eta from what the
-    linear model of the last step missed; here that is carried over to the present |F|, what is
-    missed being quadratic.  Where that reaches the target, the system is solved as far as the
-    target leaves room; else not further than what will be missed, and no further than half of the
-    way (in the logarithm), as two solves of equal depth cost least.
+    Choice 1 of Eisenstat & Walker (doi:10.1137/0917003, 1996, eq. 2.2) derives eta from the error
+    of the last step's linear model; here that error, which is quadratic, is extrapolated to the
+    present |F|. If the estimate reaches the target, the system is solved as far as the target
+    permits; otherwise no further than the estimated error, and no further than half of the way (in
+    the logarithm), as two solves of equal depth cost least.
     """
     wanted = target / norm
     if nonlinearity is None:
@@ -67,28 +67,28 @@ def followed_nonlinearity(norm: float, target: float, nonlinearity: float | None
 
 
 class Problem(Protocol):
-    """F(x) = 0 for a vector x (n,)."""
+    """The problem F(x) = 0 for a vector x (n,)."""
 
     def residual(self, x: wp.array, out: wp.array) -> None:
-        """out = F(x)."""
+        """Set out = F(x)."""
 
     def linearise(self, x: wp.array) -> None:
-        """Fix the x at which `jacobian` and `precondition` act; x does not change while they do."""
+        """Fix the x at which `jacobian` and `precondition` act; x does not change meanwhile."""
 
     def jacobian(self, d: wp.array, out: wp.array) -> None:
-        """out = F'(x) d."""
+        """Set out = F'(x) d."""
 
     @property
     def precondition(self) -> Operator | None:
-        """precondition(r, out): out near F'(x)^-1 r; or None."""
+        """Return a function (r, out) that sets out to about F'(x)^-1 r, or None."""
 
 
 @dataclass(kw_only=True)
 class NewtonResult(SolveResult):
-    """A Newton solve: for each iteration the forcing term, the Krylov iterations, and the part of
-    the Newton step that was taken, 0 when none was.
+    """A Newton solve: forcing term, Krylov iterations and step fraction of each iteration.
 
-    floor: a residual that is worth no further iteration.
+    The fraction of the Newton step is 0 if no step was accepted. floor: a residual below which no
+    further iteration pays.
     """
 
     floor: float
@@ -98,7 +98,7 @@ class NewtonResult(SolveResult):
 
     @property
     def counts(self) -> str:
-        """Iterations and residuals."""
+        """Return iterations and residuals."""
         return (
             f"{self.newton_iterations} Newton and {self.krylov_iterations} Krylov iterations,"
             f" residual {self.history[0]:.1e} to {self.residual:.1e}, wanted {self.target:.1e}"
@@ -116,15 +116,16 @@ class NewtonResult(SolveResult):
 
 
 class NewtonKrylov:
-    """Solver of F(x) = 0; keep it: it allocates four vectors, once, and its GMRES the basis."""
+    """Solver of F(x) = 0; keep the instance: it allocates four vectors and a basis once."""
 
     def __init__(
         self, space: VectorSpace, gmres: FlexibleGMRES, rtol: float = 1e-6, atol: float = 0.0,
         max_iterations: int = 20, max_krylov: int = 200, forcing: Forcing = followed_nonlinearity,
     ) -> None:  # fmt: skip
-        """Converged means |F(x)| <= max(rtol |F(x_0)|, atol) in the norm of the space.
+        """Set the tolerances: converged means |F(x)| <= max(rtol |F(x_0)|, atol) in the norm.
 
-        max_krylov: per Newton iteration.
+        The norm is that of the space. max_krylov: largest number of Krylov iterations per Newton
+        iteration.
         """
         self.space, self.gmres = space, gmres
         self.rtol, self.atol = rtol, atol
@@ -140,10 +141,11 @@ class NewtonKrylov:
     ) -> NewtonResult:
         """Solve from the guess x (n,), which is replaced by the best point found.
 
-        scale: what rtol is relative to instead of |F(x_0)|, so that a better guess saves work; one
-        correction is made all the same.  floor: a residual that is worth no second one.  A
-        tolerance beyond the arithmetic, 0 included, is met when the corrections are of round-off
-        size: the result then says `roundoff`.  Points where F is not finite are stepped back from.
+        scale: reference of rtol instead of |F(x_0)|, so that a better guess saves work; at least
+        one correction is computed. floor: a residual for which a second correction does not pay. A
+        tolerance below the accuracy of the arithmetic, 0 included, is met when the corrections are
+        of round-off size: the result then sets `roundoff`. The iteration steps back from points
+        where F is not finite.
         """
         problem.residual(x, self._residual)
         first = self.space.norm(self._residual)
@@ -159,7 +161,7 @@ class NewtonKrylov:
         return p if p.status else p.end(Status.STAGNATED, "out of Newton iterations")
 
     def _iterate(self, p: NewtonResult, problem: Problem, x: wp.array) -> None:
-        """Take one Newton iteration, which ends the solve if it was the last."""
+        """Take one Newton iteration, which ends the solve if it is the last."""
         norm = p.residual
         eta = self.forcing(norm, p.target, self.nonlinearity)
         problem.linearise(x)
@@ -178,7 +180,7 @@ class NewtonKrylov:
             return
 
         def trial(length: float) -> float:
-            """Return |F| at x - length d, and leave point and residual in the trial vectors."""
+            """Return |F| at x - length d, and store point and residual in the trial vectors."""
             self.space.axpby(-length, self._direction, 1.0, x, self._trial)
             problem.residual(self._trial, self._trial_residual)
             return self.space.norm(self._trial_residual)
@@ -193,9 +195,9 @@ class NewtonKrylov:
         self._accept(p, x, search, eta, tiny)
 
     def _learn(self, p: NewtonResult, search: "Search", eta: float) -> None:
-        """Take the nonlinearity from a step, for parts at right angles in the residual it left.
+        """Estimate the nonlinearity from a step, for orthogonal parts in its residual.
 
-        Later steps of a solve tell it only where they left more than the linear system did.
+        Later steps of a solve contribute only if their residual exceeds that of the linear system.
         """
         norm, length = p.residual, search.length
         expected = (1.0 - length * (1.0 - eta)) * norm
@@ -227,7 +229,7 @@ class NewtonKrylov:
 
 @dataclass(frozen=True)
 class Search:
-    """The end of a line search: the last length tried, |F| there, whether it will do, how many."""
+    """The end of a line search: the last length tried, |F| there, acceptance, number of trials."""
 
     length: float
     norm: float
@@ -238,11 +240,11 @@ class Search:
 def backtrack(trial: Callable[[float], float], norm: float, eta: float) -> Search:
     """Shorten until |F(x + s d)| <= (1 - DECREASE s (1 - eta)) |F(x)| (Eisenstat & Walker 1994).
 
-    trial(s) is |F(x + s d)|, norm |F(x)|, eta the forcing term.  The next length is where a
-    parabola through |F|^2 has its least value: at first the one with the slope that a direction of
-    relative residual eta has at least, then the one through the last two trials and the start
-    (Kelley, Iterative Methods for Linear and Nonlinear Equations, 1995, 8.3.1), kept between
-    `SHORTEST` and a half of the last.  A trial that is not finite is cut to a quarter.
+    trial(s) is |F(x + s d)|, norm |F(x)|, eta the forcing term. The next length minimises a
+    parabola through |F|^2: at first the one with the least slope of a direction of relative
+    residual eta, then the one through the last two trials and the origin (Kelley, Iterative Methods
+    for Linear and Nonlinear Equations, 1995, 8.3.1), limited to between `SHORTEST` and a half of
+    the last. A trial that is not finite is cut to a quarter.
     """
     s, t, previous = 1.0, 0.0, norm
     for count in range(1, TRIALS + 1):

@@ -1,9 +1,9 @@
-"""The space the solvers work in: flat device vectors with a weighted inner product.
+"""Flat device vectors with a weighted inner product, in which the solvers work.
 
-The weights make the solvers independent of units: with the weights of the energy, a tolerance means
-the same on every planet.  Vectors are Warp arrays (n,), stacks of them Warp arrays (m, n).  All
-sums run in float64, whatever the vectors hold, in a fixed order that does not depend on how many
-ranks share the vectors.
+The weights make the solvers independent of units: with the weights of the energy, a tolerance has
+the same meaning on every planet. Vectors are Warp arrays (n,), stacks of them Warp arrays (m, n).
+All sums run in float64, whatever the type of the vectors, in a fixed order that does not depend on
+how many ranks share the vectors.
 """
 
 import ctypes
@@ -28,33 +28,33 @@ from swe_sphere.ranks.communicator import Communicator
 
 MOST_VIEWS = 512
 BLOCKS = 64
-"""So many pieces the sums of a process alone are cut in on a GPU."""
+"""Number of blocks of a single process's sums on a GPU."""
 BLOCK_THREADS = 256
 
 
 class VectorSpace:
     """Vectors of n numbers with <a, b> = sum_i w_i a_i b_i and |a| = sqrt(<a, a>).
 
-    A new space is a `HostSpace` on device "cpu" and a `DeviceSpace` elsewhere.  The next product
-    overwrites the array that a product has returned.  Ranks exchange one message for all products
-    of a call.
+    A new space is a `HostSpace` on device "cpu" and a `DeviceSpace` elsewhere. The next product
+    overwrites the array that a product has returned. Ranks exchange one message for all products of
+    a call.
     """
 
     copy: Callable[[wp.array, wp.array], None]
-    """copy(source, target): target = source."""
+    """Function copy(source, target) that sets target = source."""
     clear: Callable[[wp.array], None]
-    """clear(x): x = 0."""
+    """Function clear(x) that sets x = 0."""
     scale: Callable[[float, wp.array], None]
-    """scale(a, x): x = a x."""
+    """Function scale(a, x) that sets x = a x."""
     axpby: Callable[..., None]
-    """axpby(a, x, b, y, out=y): out = a x + b y."""
+    """Function axpby(a, x, b, y, out=y) that sets out = a x + b y."""
     combine: Callable[..., None]
-    """combine(x, stack, c, out, scale=1.0): out = scale (x + sum_s c_s stack[s]) over the first
-    len(c) rows; `out` may be `x`."""
+    """Function combine(x, stack, c, out, scale=1.0): out = scale (x + sum_s c_s stack[s]) over the
+    first len(c) rows; `out` may be `x`."""
     projections: Callable[..., Array]
-    """projections((stack, count, v), ...): <stack[s], v> for s < count, call after call."""
+    """Function projections((stack, count, v), ...): <stack[s], v> for s < count of each triple."""
     lowest: Callable[[wp.array, int, int], float]
-    """lowest(x, begin, end): the least of x[begin:end], -infinity where one of them is NaN."""
+    """Function lowest(x, begin, end): the least of x[begin:end], -infinity if one is NaN."""
     _allocate: Callable[[], None]
 
     def __new__(
@@ -69,12 +69,12 @@ class VectorSpace:
         self, weights: ArrayLike, device: str | None = None, real: type | None = None,
         kernels: bool | None = None, mesh: DeviceMesh | None = None,
     ) -> None:  # fmt: skip
-        """Weights (n,) > 0 [any unit]; real: wp.float64 or wp.float32, the type of the vectors.
+        """Create a space with weights (n,) > 0 [any unit] and vectors of `real`.
 
-        mesh: whose nodal fields (k N,) the weights are; several ranks may share them.  Device and
-        type are its own, unless others are given; without it the CPU and wp.float64.
-        kernels: those of GPUs; the default is to use them except on "cpu".
-        Raises ConfigError unless all weights are positive and finite.
+        real: wp.float64 or wp.float32. mesh: mesh of the weights' nodal fields (k N,), which
+        several ranks may share. Device and type default to the mesh's, without a mesh to the CPU
+        and wp.float64. kernels: selects the kernels of GPUs; the default selects them except on
+        "cpu". Raises ConfigError unless all weights are positive and finite.
         """
         self._mesh = mesh
         values = np.array(weights, dtype=np.float64)
@@ -99,18 +99,18 @@ class VectorSpace:
         self._allocate()
 
     def zeros(self) -> wp.array:
-        """A new vector (n,) of zeros."""
+        """Return a new vector (n,) of zeros."""
         return wp.zeros(self.n, dtype=self.real, device=self.device)
 
     def stack(self, rows: int) -> wp.array:
-        """A new stack (rows, n) of zeros."""
+        """Return a new stack (rows, n) of zeros."""
         return wp.zeros((rows, self.n), dtype=self.real, device=self.device)
 
     def room(self, rows: int) -> wp.array:
-        """A new stack (rows, n) of whatever was there.
+        """Return a new stack (rows, n) that is not initialised.
 
-        In the memory of a CPU a row takes its place only when it is first written to: room for many
-        costs nothing until they are needed.
+        In the memory of a CPU a row occupies memory only once it is written: unused rows cost
+        nothing.
         """
         return wp.empty((rows, self.n), dtype=self.real, device=self.device)
 
@@ -119,19 +119,19 @@ class VectorSpace:
         x.assign(values if self._mesh is None else self._mesh.restrict(values))
 
     def axpy(self, a: float, x: wp.array, y: wp.array) -> None:
-        """y = y + a x."""
+        """Set y = y + a x."""
         self.axpby(a, x, 1.0, y)
 
     def dots(self, *pairs: tuple[wp.array, wp.array]) -> Array:
-        """<a, b> for each pair (a, b)."""
+        """Return <a, b> for each pair (a, b)."""
         return self.projections(*((a, 1, b) for a, b in pairs))
 
     def dot(self, a: wp.array, b: wp.array) -> float:
-        """<a, b>."""
+        """Return <a, b>."""
         return float(self.dots((a, b))[0])
 
     def norm(self, a: wp.array) -> float:
-        """|a|; NaN when an element is."""
+        """Return |a|, which is NaN if an element is."""
         return math.sqrt(self.dot(a, a))
 
     def match_mean(
@@ -145,15 +145,15 @@ class VectorSpace:
         self.axpy(float(there - here) / square + gain, unit, x)
 
     def _least_of_all(self, lowest: float) -> float:
-        """Return the least value that any rank has found; NaN counts as -infinity."""
+        """Return the least value of all ranks; NaN counts as -infinity."""
         return float(self._comm.of_each(-math.inf if math.isnan(lowest) else lowest).min())
 
 
 class HostSpace(VectorSpace):
     """Vectors in the memory of the CPU, where nothing is copied.
 
-    Products, and what numpy would take several passes for, by kernels in C++; the rest by numpy.
-    No BLAS is called: it has threads that spin, and an order of its own.
+    C++ kernels compute products, and combinations that numpy needs several passes for; numpy does
+    the rest. No BLAS is called: its threads spin, and its order of summation varies.
     """
 
     def _allocate(self) -> None:
@@ -168,16 +168,16 @@ class HostSpace(VectorSpace):
 
     @functools.cached_property
     def _sum_of_two(self) -> tuple[Any, Array]:
-        """The command, and its two factors."""
+        """Recorded command for the sum of two vectors, and its two factors."""
         factors = wp.zeros(2, dtype=wp.float64, device="cpu")
         inputs = [self._call, factors, self.n]
         command = self._record(scaled_sum, -(-self.n // SPAN), inputs)
         return command, factors.numpy()
 
     def view(self, x: wp.array) -> NDArray[Any]:
-        """The memory of a Warp array as numpy array of the same shape.
+        """Return the memory of a Warp array as a numpy array of the same shape.
 
-        `wp.array.numpy` takes 3 us a call.  The views kept here own nothing: one is only ever used
+        `wp.array.numpy` takes 3 us per call. The views stored here own nothing: a view is only used
         for a living array of the same address, size and dimensions.
         """
         view = self._views.get((x.ptr, x.size, x.ndim))
@@ -193,7 +193,7 @@ class HostSpace(VectorSpace):
         return view
 
     def _address(self, x: wp.array) -> int:
-        self.view(x)  # which refuses what it is not made for
+        self.view(x)  # raises an error for unsuitable arrays
         address: int = x.ptr
         return address
 
@@ -249,7 +249,7 @@ class HostSpace(VectorSpace):
 
 
 class DeviceSpace(VectorSpace):
-    """Vectors in the memory of a GPU, by Warp kernels, which run on "cpu" to be tested."""
+    """Vectors in the memory of a GPU, by Warp kernels, which run on "cpu" in tests."""
 
     def _allocate(self) -> None:
         self._blocks = self._spans.shape[1]
@@ -259,14 +259,14 @@ class DeviceSpace(VectorSpace):
         self._reserve(32)
 
     def _reserve(self, rows: int) -> None:
-        """Room for the coefficients and partial sums of so many rows."""
+        """Allocate memory for the coefficients and partial sums of `rows` rows."""
         self._rows = rows
         shape = rows, self._blocks
         self._partial = wp.zeros(shape, dtype=wp.float64, device=self.device)
         pinned = wp.get_device(self.device).is_cuda
         self._partial_host = wp.zeros(shape, dtype=wp.float64, device="cpu", pinned=pinned)
         self._coefficients = wp.zeros(rows, dtype=wp.float64, device=self.device)
-        # Pageable memory: a copy to the device has left it when wp.copy returns.
+        # Pageable memory: a copy to the device is complete when wp.copy returns.
         self._coefficients_host = wp.zeros(rows, dtype=wp.float64, device="cpu")
         self._sums, self._staged = self._partial_host.numpy(), self._coefficients_host.numpy()
         self._products = np.empty(rows)
@@ -318,7 +318,7 @@ class DeviceSpace(VectorSpace):
         )  # fmt: skip
 
     def _fetch(self, rows: int) -> None:
-        """Bring what each block has made of the rows to the host."""
+        """Copy the blocks' partial sums of the rows to the host."""
         wp.copy(self._partial_host, self._partial, count=rows * self._blocks)
         wp.synchronize_device(self.device)
 

@@ -1,4 +1,4 @@
-"""Time integrators by name; each registers itself where it is defined."""
+"""Time integrators by name; each class registers itself."""
 
 import importlib
 import pkgutil
@@ -14,9 +14,9 @@ for _module in pkgutil.iter_modules(__path__, f"{__name__}."):
 
 
 def get_stepper(which: str | Path | type[Stepper]) -> type[Stepper]:
-    """The stepper of that name or alias, the one in that Python file, or the class itself.
+    """Return the stepper of that name or alias, in that Python file, or the class itself.
 
-    Raises ConfigError where there is none, or not one in the file; see `Registry.find`.
+    Raises ConfigError if there is none, or not exactly one in the file; see `Registry.find`.
     """
     return STEPPERS.find(which)
 

@@ -1,4 +1,4 @@
-"""Steps of a length that follows their error, by a rule, inside the fixed steps of a run."""
+"""Adaptive steps, whose length follows their error, inside the fixed steps of a run."""
 
 import math
 from collections import deque
@@ -15,24 +15,24 @@ from swe_sphere.steppers.stepper import STEPPERS, Stepper, Trajectory
 
 SAFETY = 0.9
 PRESENT, PAST = 0.7, 0.4
-"""Exponents of the present error and of the one before, times the order."""
+"""Exponents of the present and the previous error, times the order."""
 LEAST, MOST = 0.5, 2.0
 """Bounds of the ratio of two successive steps."""
 CAUTION = 0.1
-"""The first step, as a part of what the time scale of the start allows."""
+"""Fraction of the initial state's time scale that sets the first step."""
 SOLVER = 0.1
-"""Part of the tolerance that may be errors of the solver."""
+"""Fraction of the tolerance that errors of the solver may use."""
 SMALLEST_PART = 1e-6
-"""Steps shorter than this part of the outer step are given up."""
+"""Smallest step as a fraction of the outer step; a shorter one ends the run."""
 CUTS_KEPT = 100
 
 
 def step_ratio(error: float, before: float, tolerance: float, order: int) -> float:
-    """Length of the next step over that of this one, from its error and the one before.
+    """Return the length of the next step over that of this one, from two successive errors.
 
     0.9 (tolerance/error)^(0.7/p) (before/tolerance)^(0.4/p), between 1/2 and 2, p the power of dt
-    that the error goes with: proportional-integral control (Gustafsson 1991,
-    doi:10.1145/210232.210242; Hairer & Wanner 1996, IV.2).  An error of 0 before tells no trend.
+    to which the error is proportional: proportional-integral control (Gustafsson 1991,
+    doi:10.1145/210232.210242; Hairer & Wanner 1996, IV.2). A previous error of 0 is ignored.
     """
     if not math.isfinite(error):
         return LEAST
@@ -46,11 +46,11 @@ def step_ratio(error: float, before: float, tolerance: float, order: int) -> flo
 class AdaptiveSteps(Trajectory):
     """Steps of an implicit scheme that follow their error; `dt` is the outer step, met exactly.
 
-    The error is the difference to the embedded method in the energy norm [m s-1], over the norm of
-    the state: the ratio means the same in any units and on any planet.  The tolerance of the solver
-    is `SOLVER` of this one, or that of the scheme where it is stricter.  A step that is not good
-    enough, or cannot be solved, is taken again, shorter, and noted in `cuts`; no step is longer
-    than the outer one.  Raises ConfigError for a scheme that has no such estimate.
+    The error is the difference from the embedded method in the energy norm [m s-1], over the norm
+    of the state: the ratio is independent of units and planet. The tolerance of the solver is
+    `SOLVER` of this one, or that of the scheme if it is stricter. A step that is not accurate
+    enough, or whose solve fails, is repeated with a shorter length and recorded in `cuts`; no step
+    is longer than the outer one. Raises ConfigError for a scheme that has no such estimate.
     """
 
     can_give_up = True
@@ -87,7 +87,7 @@ class AdaptiveSteps(Trajectory):
         self.scheme.start(state, t)
         self._before = self.tolerance
         self.next_dt, solver = self.dt, self.scheme.solver
-        if solver.rate > 0.0:  # from the time in which the state changes
+        if solver.rate > 0.0:  # from the time scale of changes of the state
             scale = solver.space.norm(self.state) / solver.rate
             part = self.tolerance ** (1.0 / self._power)
             first = float(max(CAUTION * part * scale, 1e-3 * self.dt))
@@ -104,7 +104,7 @@ class AdaptiveSteps(Trajectory):
         with one_thread():
             while done < self.dt:
                 left = self.dt - done
-                # the next step is fitted to what is left without leaving a sliver of it
+                # the next step fits the remaining time without a very short last step
                 fits = self.next_dt < left * (1.0 - 1e-9)
                 dt = min(self.next_dt, 0.5 * left) if fits else left
                 if self._try(self.time + done, dt):
@@ -115,7 +115,7 @@ class AdaptiveSteps(Trajectory):
         self.steps += 1
 
     def _try(self, t: float, dt: float) -> bool:
-        """Attempt a step, keep it if it is good, and set the length of the next one."""
+        """Attempt a step, keep it if it is accurate enough, and set the length of the next one."""
         scheme, solver = self.scheme, self.scheme.solver
         size = scheme.space.norm(self.state)
         change = dt * (solver.rate / size)
@@ -127,7 +127,7 @@ class AdaptiveSteps(Trajectory):
             return False
         error = scheme.error_estimate() / size
         ratio = step_ratio(error, self._before, self.tolerance, self._power)
-        if not error <= self.tolerance:  # nor where it is NaN
+        if not error <= self.tolerance:  # also rejects NaN
             why = f"relative error of a step {error:.3g} above {self.tolerance:.3g}"
             self._cut(t, dt, why, ratio, "choose a larger tolerance of adaptive")
             return False
@@ -135,7 +135,7 @@ class AdaptiveSteps(Trajectory):
         self.counters["accepted_steps"] += 1
         if dt >= self.next_dt * (1.0 - 1e-9):
             self.next_dt, self._before = min(self.dt, dt * ratio), error
-        else:  # after a step that was short to fit the outer one, what came before holds
+        else:  # a step shortened to fit the outer one does not shorten the next
             self.next_dt = min(self.dt, max(self.next_dt, dt * ratio))
         return True
 
@@ -144,7 +144,7 @@ class AdaptiveSteps(Trajectory):
         self.counters["rejected_steps"] += 1
         self.next_dt = dt * ratio
         if self.next_dt < SMALLEST_PART * self.dt:
-            wp.copy(self.state, self._start)  # that of `time`
+            wp.copy(self.state, self._start)  # state of `time`
             raise SolverFailed(
                 f"{self.name}: no step from {t:.0f} s is short enough, the last of {dt:.3g} s:"
                 f" {why}; {advice}"
@@ -157,7 +157,7 @@ class AdaptiveSteps(Trajectory):
         return self.scheme.numbers() | {"adaptive": np.array([self.next_dt, self._before])}
 
     def load_numbers(self, state: dict[str, NDArray[Any]], steps: int) -> None:
-        """Raise ConfigError when the numbers are not those of an adaptive stepper."""
+        """Raise ConfigError if the numbers are not those of an adaptive stepper."""
         if "adaptive" not in state:
             raise ConfigError("the restart data are of a run with fixed steps: leave adaptive out")
         self.scheme.load_numbers(state, steps)

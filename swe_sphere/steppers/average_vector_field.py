@@ -1,4 +1,4 @@
-"""The average-vector-field method, which keeps the energy exactly."""
+"""The average-vector-field method, which conserves energy exactly."""
 
 import warp as wp
 
@@ -11,9 +11,9 @@ from swe_sphere.steppers.implicit import ImplicitStepper, StageProblem
 class AverageProblem(StageProblem):
     """x - dt G(start, x) = start, with G the average of the right-hand side between two states.
 
-    dt is twice `tau`, and `rhs` the start.
-    Its Jacobian is taken as I - dt/2 J(mean), which differs by terms of second order in the step's
-    change: Newton then gains a fixed, large factor an iteration and needs no code of its own.
+    dt is twice `tau`, and `rhs` is the start. The Jacobian is approximated by I - dt/2 J(mean),
+    which differs by terms of second order in the step's change: Newton then converges linearly by a
+    large factor per iteration and needs no special code.
     """
 
     slopes = 2.0
@@ -44,16 +44,16 @@ class AverageVectorField(ImplicitStepper):
     """Average vector field: second order, keeps the energy to the solver's tolerance.
 
     x_new = x + dt S(mean) (average gradient of the energy between the two), S skew (Celledoni et
-    al. 2012, doi:10.1016/j.jcp.2012.06.022; see `PoissonTendency`).  Forcing, dissipation, and a
-    scene without the full dynamics, which has no such energy, are taken by the midpoint rule.
+    al. 2012, doi:10.1016/j.jcp.2012.06.022; see `PoissonTendency`). Forcing, dissipation, and a
+    scene without the full dynamics, which has no such energy, use the midpoint rule.
     """
 
     name, order = "average-vector-field", 2
     style = ("#6E3548", "8")
     default_tolerance = 1e-6
-    error_constant = 1.0 / 12.0  # that of the midpoint rule
+    error_constant = 1.0 / 12.0  # the midpoint rule's
     equations = AverageProblem
-    memory = "state", "slope"  # that of the last step
+    memory = "state", "slope"  # slope of the last step
 
     def allocate(self) -> None:
         self.slope = self.model.zeros()

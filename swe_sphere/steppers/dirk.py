@@ -1,4 +1,4 @@
-"""Diagonally implicit Runge-Kutta methods, as their coefficients, and BDF2."""
+"""Diagonally implicit Runge-Kutta methods, defined by their coefficients, and BDF2."""
 
 import math
 from typing import ClassVar
@@ -12,31 +12,31 @@ from swe_sphere.steppers.stability import check_order, checked_tableau, error_co
 from swe_sphere.steppers.stepper import Trajectory, read_methods
 
 EXPECTED = 0.3
-"""Part of the last change of slope that the guess expects again.  Slow flow would have all of it,
-but so it would double the noise of waves that steps do not resolve."""
+"""Fraction of the last change of slope that the guess extrapolates.  Balanced (slow) flow permits
+all of it, but that would double the noise of unresolved waves."""
 LARGEST_RATIO = 2.0
-"""Largest ratio of a step to the one before with which BDF2 extends its past (stable up to 2.4)."""
+"""Largest ratio of successive steps for which BDF2 uses its past level (stable up to 2.4)."""
 ROUGH = 0.1
-"""Relative tolerance of what is solved for an estimate."""
+"""Relative tolerance of solves for error estimates."""
 
 
 class DiagonallyImplicit(ImplicitStepper):
     """Stages X_i = x + dt sum_j a_ij K_j, solved one after the other; x_new = x + dt sum_j b_j K_j.
 
-    The slope K_i of an implicit stage is the one its solved equation implies, so that the step is
-    consistent with it.  The guess for a stage is made with the slope the stage had one step before,
-    and a part of what the slope of the stage before it has changed by since.
+    The slope K_i of an implicit stage is implied by its solved equation, so that the step is
+    consistent with it. The guess for a stage uses its slope one step before, and a fraction of the
+    change since then of the previous stage's slope.
     """
 
-    memory = "state", "slopes"  # those of the last step
+    memory = "state", "slopes"  # slopes of the last step
     a: ClassVar[tuple[tuple[float, ...], ...]]
     """Rows of the tableau up to the diagonal."""
     b: ClassVar[tuple[float, ...]]
     embedded: ClassVar[tuple[float, ...] | None] = None
-    """Weights of an embedded method of another order, where there is one."""
+    """Weights of an embedded method of another order, if any."""
     followed: ClassVar[float] = 0.0
-    """The part of a change of slope that the guess of the next stage follows.  Slow flow would have
-    all of it, but so the noise of fast waves grows: it pays for tight tolerances."""
+    """Fraction of a change of slope that the guess of the next stage extrapolates.  Balanced
+    (slow) flow permits all of it, but noise of fast waves grows: it pays for tight tolerances."""
 
     @classmethod
     def complete(cls) -> None:
@@ -59,7 +59,7 @@ class DiagonallyImplicit(ImplicitStepper):
             if gamma == 0.0:
                 self.model.tendency(self._rhs, stage_time, self._slopes[i])
                 continue
-            # the stage that would have the slope guessed for it
+            # the stage with the guessed slope
             self.space.axpby(gamma, self.guesses[i], 1.0, self._rhs, out)
             if i > 0 and self.followed:
                 self.space.axpy(self.followed * gamma, self._slopes[i - 1], out)
@@ -72,7 +72,7 @@ class DiagonallyImplicit(ImplicitStepper):
         return None
 
     def error_estimate(self) -> float:
-        """Norm [m s-1] of the difference to the embedded method, for the step last attempted."""
+        """Norm [m s-1] of the difference from the embedded method, for the last attempt."""
         assert self.embedded is not None
         difference = self._attempted * (np.array(self.b) - np.array(self.embedded))
         self.space.clear(self._rhs)
@@ -103,10 +103,10 @@ class TRBDF2(DiagonallyImplicit):
     embedded = ((1.0 - _w) / 3.0, (3.0 * _w + 1.0) / 3.0, _d / 3.0)
 
     def error_estimate(self) -> float:
-        """The norm [m s-1] of e with (I - gamma dt J) e = difference to the embedded method.
+        """Norm [m s-1] of e with (I - gamma dt J) e = difference from the embedded method.
 
-        That difference itself grows without bound for waves far faster than the step, which the
-        scheme damps (Hosea & Shampine 1996); it is taken only where it is the smaller.
+        The difference itself grows without bound for waves far faster than the step, which the
+        scheme damps (Hosea & Shampine 1996); it is used only if it is the smaller of the two.
         """
         difference = super().error_estimate()
         damped = self.space.zeros()
@@ -118,8 +118,8 @@ class TRBDF2(DiagonallyImplicit):
 class BDF2(ImplicitStepper):
     """BDF2: second order, one solve a step, damps fast waves; started by TR-BDF2.
 
-    Variable steps: with w the ratio of the step to the one before,
-    x+ - dt (1+w)/(1+2w) F(x+) = [(1+w)^2 x - w^2 x-]/(1+2w) (Hairer, Norsett & Wanner 1993, III.5).
+    Variable steps: with w the ratio of the step to the one before, x+ - dt (1+w)/(1+2w) F(x+) =
+    [(1+w)^2 x - w^2 x-]/(1+2w) (Hairer, Norsett & Wanner 1993, III.5).
     """
 
     name, order = "bdf2", 2
@@ -136,7 +136,7 @@ class BDF2(ImplicitStepper):
         self._starter = TRBDF2(self.model, self.dt, solver=self.solver)
 
     def follow(self, earlier: Trajectory, t: float) -> None:
-        if self.dt > LARGEST_RATIO * earlier.dt:  # extrapolation over them would be unstable
+        if self.dt > LARGEST_RATIO * earlier.dt:  # extrapolation would be unstable
             self.start(earlier.state, t)
         else:
             super().follow(earlier, t)
@@ -147,7 +147,7 @@ class BDF2(ImplicitStepper):
             starter = self._starter
             starter.start(self.state, t)
             self.solver.aim(starter.state, starter.error_constant, starter.order, dt)
-            # a few more iterations with the set-up of the steps to come cost less than another one
+            # some more iterations with the set-up of later steps cost less than a second set-up
             self.solver.prepared_for = 2.0 / 3.0 * dt
             try:
                 return starter.solve_step(t, dt, out)

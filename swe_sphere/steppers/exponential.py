@@ -1,4 +1,4 @@
-"""Exponential multistep methods: linear motion exactly, the rest by what it was in steps before."""
+"""Exponential multistep methods: the linear part exactly, the remainder from previous steps."""
 
 from math import factorial
 from typing import Any, ClassVar
@@ -20,14 +20,14 @@ DRIFT = np.array([-25 / 12, 4.0, -3.0, 4 / 3, -1 / 4])
 
 
 class ExponentialMultistep(VariableStepper):
-    """An exponential propagation iterative (EPI) method of several steps, as its weights.
+    """An exponential propagation iterative (EPI) method of several steps, defined by its weights.
 
     x+ = x + dt phi_1 F + dt sum_k phi_k sum_i w_ki R_i, R_i = F(x_i) - F(x) - J (x_i - x) of i
-    steps before, phi_k those of dt J with the exact J at x (Tokman 2006).
-    Explicit dependence on time is a further variable: R_i has - dF/dt (t_i - t), and dt^2 phi_2
-    dF/dt joins.  The first steps, and those of another length than the one before, are taken by
-    exprb42, which has one step, two stages and fourth order (Luan 2017).  `tolerance`: as for
-    `StageSolver`, of the error of the Krylov solver in a step.
+    steps before, phi_k those of dt J with the exact J at x (Tokman 2006). Explicit dependence on
+    time is a further variable: R_i contains - dF/dt (t_i - t), and dt^2 phi_2 dF/dt is added. The
+    first steps, and those of another length than the one before, use exprb42, which has one step,
+    two stages and fourth order (Luan 2017). `tolerance`: as for `StageSolver`, of the error of the
+    Krylov solver in a step.
     """
 
     family = "exponential"
@@ -57,7 +57,7 @@ class ExponentialMultistep(VariableStepper):
         self._moved, self._bent = (space.stack(max(1, past)) for _ in range(2))
 
     def begin(self, slope: wp.array) -> None:
-        """Forget the steps before."""
+        """Discard the previous steps."""
         self._known, self._spacing = 0, 0.0
 
     def numbers(self) -> dict[str, NDArray[Any]]:
@@ -107,7 +107,7 @@ class ExponentialMultistep(VariableStepper):
         return self._propagate(dt, dt, max(1 + len(self.weights), 1 + self._has_drift), out)
 
     def _one_step(self, t: float, dt: float, out: wp.array) -> str | None:
-        """x+ = x + dt phi_1 F + 32/9 dt phi_3 R at x + 3/4 dt phi_1(3/4 dt J) F."""
+        """Set x+ = x + dt phi_1 F + 32/9 dt phi_3 R at x + 3/4 dt phi_1(3/4 dt J) F."""
         space, moved, bent = self.space, self._krylov.moved[2], self._krylov.plain[2]
         fault = self._propagate(STAGE * dt, dt, 1 + self._has_drift, out)
         if fault is not None:
@@ -121,7 +121,7 @@ class ExponentialMultistep(VariableStepper):
         return self._propagate(dt, dt, 3, out)
 
     def _propagate(self, length: float, dt: float, terms: int, out: wp.array) -> str | None:
-        """out = state + the solution of the linear equations after `length`; or what is wrong."""
+        """Set out = state + the solution of the linear equations at `length`; return any fault."""
         solver = self.solver
         goal = max(solver.tolerance * solver.rate * dt, solver.worthless())
         result = self._krylov.solve(self._jacobian, terms, length, goal, out)
@@ -131,7 +131,7 @@ class ExponentialMultistep(VariableStepper):
         return result.fault
 
     def _prepare_sources(self, t: float, dt: float) -> None:
-        """F and dF/dt, for a wind or forcing that changes; nothing else yet."""
+        """Compute F, and dF/dt for a wind or forcing that changes; other sources become 0."""
         space, krylov = self.space, self._krylov
         space.copy(self._slope, krylov.plain[0])
         for array in (*krylov.moved[1:], *krylov.plain[1:]):
@@ -146,7 +146,7 @@ class ExponentialMultistep(VariableStepper):
 
 
 def _remainder(weights: tuple[tuple[float, ...], ...], order: int) -> float:
-    """C in the error C dt^(p + 1) of a step for a remainder R = t^p/p!, p = order, where J = 0."""
+    """Return C in the error C dt^(p + 1) of a step for a remainder R = t^p/p!, p = order, J = 0."""
     found = 1.0 / factorial(order + 1)
     for k, row in enumerate(weights, 2):
         values = sum(w * (-i) ** order for i, w in enumerate(row, 1))

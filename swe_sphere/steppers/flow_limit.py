@@ -1,4 +1,4 @@
-"""Limits of explicit steppers that depend on how fast the wind is or will be against the waves."""
+"""Limits of explicit steppers that depend on the ratio of present or future winds to waves."""
 
 import math
 from dataclasses import replace
@@ -18,19 +18,20 @@ from swe_sphere.steppers.stability import TOLERANCE, Complex, largest_eigenvalue
 from swe_sphere.steppers.stepper import Stepper
 
 INTERVALS = 18
-"""Intervals between nodes along an edge of the cube of its mesh, at most about."""
+"""Approximate largest number of node intervals along an edge of the trial run's cube."""
 DAYS = 6.0
-"""After which the winds of the scenes that were looked at grow no more, or little."""
+"""Length of the trial run [days], after which the winds of the tested scenes hardly grow."""
 LOOKS = 8
 MOST_STEPS = 2000
 
 
 def strongest_advection(model: Model) -> float:
-    """Largest `advection_rate` [s-1] that the scene is likely to have in its first days.
+    """Return the largest `advection_rate` [s-1] that the scene is likely to have in its first days.
 
-    That of rk4 on a coarse mesh, larger by as much as gravity waves are faster on the mesh of the
-    model: the wind of williamson5 doubles in three days over its mountain, which no start tells.
-    Where that run blows up, it counts as far as it went.
+    A run of rk4 on a coarse mesh supplies it, scaled by the ratio of gravity-wave rates on the
+    model's mesh and on the coarse one: the wind of williamson5 doubles in three days over its
+    mountain, which the initial state does not show. If that run becomes unstable, its part before
+    that counts.
     """
     mesh, scene = model.mesh, model.scene
     small = Mesh.build(
@@ -53,17 +54,17 @@ def strongest_advection(model: Model) -> float:
         if not np.isfinite(stepper.state.numpy()).all():
             break
         rate = advection_rate(coarse, stepper.state, stepper.time)
-        if rate > spectrum.wave:  # faster than the waves: it blows up
+        if rate > spectrum.wave:  # faster than the waves: the run becomes unstable
             break
         largest = max(largest, rate)
     return largest * RK4.spectrum(model, model.initial_state()).wave / spectrum.wave
 
 
 PARTS = np.linspace(0.0, 1.0, 5)
-"""Parts of the strongest wind, along the waves, that the analysis of stability looks at; against
-them it has the same growth."""
+"""Fractions of the strongest wind, along the waves, that the analysis of stability samples; a wind
+against the waves has the same growth."""
 WEAK = 1e-4
-"""Growth in a step that is let pass in strong winds, where there is a little of it at any step."""
+"""Accepted growth per step in strong winds, where steps of any length have a little growth."""
 NOTHING_BUT_WIND = 1.0
 """Ratio of wind to wave speed that stands for a flow without gravity waves."""
 
@@ -73,28 +74,28 @@ class FlowLimited(Stepper):
 
     reach = 4.0
     looks: ClassVar[int] = 1
-    """Parts of the reach of which the first that is not stable holds the limit."""
+    """Number of fractions of the reach to test; the first unstable one bounds the limit."""
 
     @classmethod
     def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
-        """Spectral radii [s-1], what the wind has in that of the waves, and how fast it turns."""
+        """Spectral radii [s-1], the wind's share in that of the waves, and the Coriolis rate."""
         found, share = super().spectrum(model, state, t), wind_share(model, state)
         turning = 0.0 if share == NOTHING_BUT_WIND else float(np.abs(model.coriolis).max())
         return replace(found, wind=found.wave * share, turning=turning)
 
     @classmethod
     def limit(cls, spectrum: Spectrum) -> float:
-        """Largest step [s] that is stable in winds up to those of the spectrum."""
+        """Return the largest step [s] that is stable in winds up to those of the spectrum."""
         return cls.stable_dt(spectrum.wave, spectrum.dissipation, spectrum.wind, spectrum.turning)
 
     @classmethod
     def stable_dt(
         cls, wave: float, dissipation: float = 0.0, wind: float = 0.0, turning: float = 0.0
     ) -> float:
-        """Largest step [s] that amplifies no wave on a wind that has `wind` [s-1] in `wave`.
+        """Return the largest step [s] that amplifies no wave on a wind with `wind` [s-1] in `wave`.
 
-        Nor does it in any weaker or other wind, nor the vorticity that the wind carries, nor a wind
-        that turns by itself, at `turning` [s-1].
+        It also amplifies no wave in any weaker wind, no vorticity that the wind carries, and no
+        inertial oscillation at `turning` [s-1].
         """
         share, turn = (rate / wave if wave > 0.0 else 0.0 for rate in (wind, turning))
         cases = [(1.0 - share, part * share) for part in (PARTS if share > 0.0 else (0.0,))]
@@ -111,19 +112,19 @@ class FlowLimited(Stepper):
 
     @classmethod
     def propagator(cls, share: float, wave: Complex, wind: Complex, loss: Complex) -> Complex:
-        """(..., n, n) change of the levels of h' sqrt(g/H), and then of u, of a wave by a step.
+        """Return changes (..., n, n) of the levels of h' sqrt(g/H), then of u, of a wave by a step.
 
-        With dh/dt = -(wind h + wave u) / dt + loss h / dt, and so for u; wave, wind and loss are
-        arrays (..., 1), `share` the part of the wind in the speed of waves.
+        dh/dt = -(wind h + wave u) / dt + loss h / dt, and likewise for u; wave, wind and loss are
+        arrays (..., 1), `share` is the ratio of the wind to the speed of waves.
         """
         raise NotImplementedError
 
 
 def wind_share(model: Model, state: wp.array) -> float:
-    """The largest |V| k over the largest (|V| + sqrt(g h)) k; 1 where there are no gravity waves.
+    """Return the largest |V| k over the largest (|V| + sqrt(g h)) k; 1 without gravity waves.
 
-    k is the shortest wave length's wavenumber, up to a factor, where the element is shortest: one
-    over the smaller singular value of dx/dxi.
+    k is the wavenumber of the shortest wave length, up to a factor, in the direction in which the
+    element is shortest: one over the smaller singular value of dx/dxi.
     """
     if model.scene.effect("pressure-gradient") is None:
         return NOTHING_BUT_WIND

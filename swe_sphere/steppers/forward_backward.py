@@ -14,15 +14,15 @@ from swe_sphere.steppers.stability import Complex
 
 Triple = tuple[float, float, float]
 STRONG = 0.139
-"""Share of the wind in the speed of waves from which coefficients for strong winds allow longer
-steps."""
+"""Ratio of the wind to the speed of waves above which the coefficients for strong winds permit
+longer steps."""
 
 
 class SplitExplicit(FlowLimited):
     """A stepper whose evaluations are one pass for the depth and then one for the wind.
 
-    Drag and relaxation are taken at the start of a step.  What else changes the state between steps
-    (`_altered`) has the combinations of levels made anew.
+    Drag and relaxation are evaluated at the start of a step. After other changes of the state
+    between steps (`_altered`) the combinations of levels are computed again.
     """
 
     holds_damping = True
@@ -37,11 +37,12 @@ class SplitExplicit(FlowLimited):
 
 
 def level_weights(wind: float, mass: float, gamma: float) -> tuple[Triple, Triple, Triple]:
-    """Weights of levels in the generalised AB3-AM4 scheme: of winds, of masses and of depths.
+    """Return weights of levels in the generalised AB3-AM4 scheme: of winds, masses and depths.
 
-    AB_b(q) = (3/2 + b) q - (1/2 + 2b) q- + b q--, with b `wind` for the wind and `mass` for what it
-    carries.  The depth that pushes the wind is delta h+ + (1 - delta - gamma) h + gamma h-; second
-    order needs delta = 1/2 + gamma; with wind = 1/3 - gamma waves at rest would be of third.
+    AB_b(q) = (3/2 + b) q - (1/2 + 2b) q- + b q--, with b `wind` for the wind and `mass` for the
+    masses that it carries. The depth that accelerates the wind is delta h+ + (1 - delta - gamma) h
+    + gamma h-; second order requires delta = 1/2 + gamma; with wind = 1/3 - gamma waves at rest
+    would be of third order.
     """
     winds, masses = ((1.5 + b, -0.5 - 2.0 * b, b) for b in (wind, mass))
     return winds, masses, (0.5 + gamma, 0.5 - 2.0 * gamma, gamma)
@@ -50,10 +51,10 @@ def level_weights(wind: float, mass: float, gamma: float) -> tuple[Triple, Tripl
 class ForwardBackward(SplitExplicit):
     """Generalised AB3-AM4: one evaluation a step, the wind pushed by the new depth too.
 
-    Shchepetkin & McWilliams 2005 (doi:10.1016/j.ocemod.2004.08.002), with coefficients of our own
-    that are stable in a mean flow: `benchmarks/forward_backward.py` derives them.  The depth is
-    stepped by extrapolated fluxes, then the wind by extrapolated winds and the gradient of a depth
-    that the new one is part of.  Without gravity waves it is AB3.  Started by rk4.  Diffusion acts
+    Shchepetkin & McWilliams 2005 (doi:10.1016/j.ocemod.2004.08.002), with new coefficients that are
+    stable on a mean flow: `benchmarks/forward_backward.py` derives them. Extrapolated fluxes step
+    the depth; extrapolated winds and the gradient of a depth that includes the new one then step
+    the wind. Without gravity waves the method is AB3. The first two steps use rk4. Diffusion acts
     on every new level, which damps all modes at any step, to first order.
     """
 
@@ -82,7 +83,7 @@ class ForwardBackward(SplitExplicit):
 
     @classmethod
     def weights_in(cls, share: float) -> Triple:
-        """The coefficients for a wind that has so much of the speed of waves on it."""
+        """Return the coefficients for a wind whose ratio to the speed of waves is `share`."""
         if share == NOTHING_BUT_WIND:
             return cls.advection
         return cls.strong if share > STRONG else cls.waves
@@ -100,7 +101,7 @@ class ForwardBackward(SplitExplicit):
             return
         now, past, passes, dt = self.state, self.previous, self._passes, self.dt
         new = self.previous
-        if self._altered:  # between steps, which needs the past level again
+        if self._altered:  # by changes between steps, which need the past level again
             self._extrapolate()
             new = self.older
         passes.damp(now)
@@ -123,7 +124,7 @@ class ForwardBackward(SplitExplicit):
 
     @classmethod
     def propagator(cls, share: float, wave: Complex, wind: Complex, loss: Complex) -> Complex:
-        """(..., 6, 6) change of three levels of (h' sqrt(g/H), u) by a step, see `FlowLimited`."""
+        """Return the change (..., 6, 6) of three levels of (h' sqrt(g/H), u); see `FlowLimited`."""
         turn, mass, depth = map(np.array, level_weights(*cls.weights_in(share)))
         h, u = np.eye(6).reshape(2, 3, 6)
         new = (1.0 + loss) * h[0] - wind * (mass @ h) - wave * (turn @ u)
@@ -153,7 +154,7 @@ class ForwardBackwardRK3(SplitExplicit):
 
     @classmethod
     def _rows(cls) -> tuple[Triple, Triple, Triple]:
-        """Weights of the new depth, that at the start and that of the stage before."""
+        """Return the weights of the new depth, the initial depth and that of the previous stage."""
         first, second, third = cls.weights
         last = third, third, 1.0 - 2.0 * third
         return (first, 1.0 - first, 0.0), (second, 1.0 - second, 0.0), last
@@ -187,7 +188,7 @@ class ForwardBackwardRK3(SplitExplicit):
 
     @classmethod
     def propagator(cls, share: float, wave: Complex, wind: Complex, loss: Complex) -> Complex:
-        """(..., 2, 2) change of (h' sqrt(g/H), u) of a wave by a step, see `FlowLimited`."""
+        """Return the change (..., 2, 2) of (h' sqrt(g/H), u) by a step; see `FlowLimited`."""
         start_h, start_u = h, u = np.eye(2, dtype=complex)
         for fraction, (a_new, a_now, a_last) in zip(cls.fractions, cls._rows(), strict=True):
             new = start_h + fraction * (loss * start_h - wind * h - wave * u)

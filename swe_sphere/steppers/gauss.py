@@ -22,7 +22,7 @@ C = (0.5 - _ROOT / 6.0, 0.5 + _ROOT / 6.0)
 INVERSE = np.linalg.inv(np.array(A))
 AHEAD = (np.array(C) + 1.0 - C[0]) / (C[1] - C[0])
 EXTRAPOLATION = np.stack([1.0 - AHEAD, AHEAD], axis=1)
-"""Slopes (2,) of the next step from those of this one, by the line through them."""
+"""Matrix (2, 2) that extrapolates the slopes of a step linearly to those of the next."""
 DIAGONAL = (A[0][0], A[1][1] - A[1][0] * A[0][1] / A[0][0])
 """Diagonal of the lower triangle LD in A = L D U: 1/4 and 1/3."""
 
@@ -30,18 +30,18 @@ DIAGONAL = (A[0][0], A[1][1] - A[1][0] * A[0][1] / A[0][0])
 class ForwardElimination(Preconditioner):
     """Approximate inverse of I - dt A (x) J for a pair of stages in one vector (2n,).
 
-    It keeps of A = L D U the lower triangle LD, which A differs from by a factor with eigenvalues 1
-    alone (Rana et al. 2021, doi:10.1137/20M1389030), and eliminates forwards:
-    y_1 = (I - d_1 dt J)^-1 r_1, y_2 = (I - d_2 dt J)^-1 (r_2 + a_21 dt J y_1), where by the first
-    equation dt J y_1 = (y_1 - r_1)/d_1.
+    Of A = L D U it keeps the lower triangle LD; A equals LD times a factor whose eigenvalues are
+    all 1 (Rana et al. 2021, doi:10.1137/20M1389030). It eliminates forwards: y_1 = (I - d_1 dt
+    J)^-1 r_1, y_2 = (I - d_2 dt J)^-1 (r_2 + a_21 dt J y_1), where by the first equation dt J y_1 =
+    (y_1 - r_1)/d_1.
     """
 
     def __init__(self, model: Model, space: VectorSpace, parts: list[Preconditioner]) -> None:
-        """space: of one stage; parts: one preconditioner for each of the two implicit steps."""
+        """Store the space of one stage, and one preconditioner in `parts` per implicit step."""
         self._space, self._parts, self._work = space, parts, model.zeros()
 
     def costs(self) -> dict[str, float]:
-        """Counts of both, each set-up and application being one of a stage."""
+        """Return the counts of both; each set-up and application is that of one stage."""
         first, second = (part.costs() for part in self._parts)
         return {name: cost + second[name] for name, cost in first.items()}
 
@@ -50,7 +50,7 @@ class ForwardElimination(Preconditioner):
             part.update(state, diagonal * tau)
 
     def apply(self, r: wp.array, out: wp.array) -> None:
-        """out near (I - dt A (x) J)^-1 r, both (2n,)."""
+        """Set out to about (I - dt A (x) J)^-1 r, both (2n,)."""
         n, space, factor = self._space.n, self._space, A[1][0] / DIAGONAL[0]
         self._parts[0](r[:n], out[:n])
         space.copy(r[n:], self._work)
@@ -72,13 +72,14 @@ class ForwardElimination(Preconditioner):
 class CoupledStages(StageProblem):
     """X_i - x - dt sum_j a_ij F(X_j) = 0 for the pair of stages in one vector (2n,).
 
-    Jacobian products are exact, each stage has its own: that keeps Newton quadratic at any step.
+    Jacobian products are exact, with a separate Jacobian for each stage, which keeps Newton
+    quadratic at any step.
     """
 
     def __init__(self, model: Model, single: VectorSpace, preconditioner: str) -> None:
-        """single: the space of one stage."""
+        """Create the problem; `single` is the space of one stage."""
         self._model, self._single = model, single
-        # mean over the stages, so that a tolerance means what it does for one state
+        # mean over the stages, so that a tolerance has its meaning for one state
         weights = np.tile(energy_weights(model), 2) / 2.0
         self.space = VectorSpace(weights, mesh=model.device_mesh)
         parts = [made for _ in C if (made := make_preconditioner(preconditioner, model))]
@@ -87,7 +88,7 @@ class CoupledStages(StageProblem):
         self._jacobians = [model.jacobian() for _ in C]
 
     def residual(self, x: wp.array, out: wp.array) -> None:
-        """out_i = X_i - x - dt sum_j a_ij F(X_j)."""
+        """Set out_i = X_i - x - dt sum_j a_ij F(X_j)."""
         for i, stage in enumerate(split(x)):
             self._model.tendency(stage, self.time + C[i] * self.tau, self._slopes[i])
         for i, (stage, mine) in enumerate(zip(split(x), split(out), strict=True)):
@@ -99,7 +100,7 @@ class CoupledStages(StageProblem):
             jacobian.update(stage, self.time + c * self.tau)
 
     def jacobian(self, d: wp.array, out: wp.array) -> None:
-        """out_i = d_i - dt sum_j a_ij J(X_j) d_j."""
+        """Set out_i = d_i - dt sum_j a_ij J(X_j) d_j."""
         directions = split(d)
         for i, jacobian in enumerate(self._jacobians):
             jacobian(directions[i], self._slopes[i])
@@ -113,7 +114,7 @@ class CoupledStages(StageProblem):
 
 
 def split(pair: wp.array) -> tuple[wp.array, wp.array]:
-    """The two stages (n,) of a pair (2n,), as views."""
+    """Return the two stages (n,) of a pair (2n,), as views."""
     n = pair.size // 2
     return pair[:n], pair[n:]
 
@@ -132,8 +133,8 @@ class GaussLegendre(ImplicitStepper):
     error_constant = error_constant(np.array(A), np.array(B), order)
 
     equations = CoupledStages
-    penalised_at = 0.0  # fast waves, which it leaves undamped, must not be extrapolated
-    memory = "state", "slopes"  # those of the last step
+    penalised_at = 0.0  # fast waves, which the method does not damp, must not be extrapolated
+    memory = "state", "slopes"  # slopes of the last step
 
     def allocate(self) -> None:
         self.slopes = self.space.stack(len(C))
@@ -141,7 +142,7 @@ class GaussLegendre(ImplicitStepper):
             [self.slopes[i] for i in range(len(C))],
             self.solver.problem.space.zeros(),
         )
-        # what the solved stages have more than the state: at rest exactly nothing
+        # solved stages less the state: exactly zero at rest
         self._changes = self._pair.reshape((len(C), self.space.n))
 
     @classmethod

@@ -1,4 +1,4 @@
-"""Steppers that treat linear gravity waves implicitly and the rest explicitly."""
+"""Steppers that treat linear gravity waves implicitly and all other terms explicitly."""
 
 import itertools
 from abc import abstractmethod
@@ -30,23 +30,22 @@ from swe_sphere.steppers.stage_solver import WaveSolver
 from swe_sphere.steppers.stepper import Stepper, read_methods
 
 MUCH_FASTER = 1e4
-"""How many times faster than the explicit waves the implicit ones may be in the analysis of
-stability."""
+"""Largest ratio of implicit to explicit wave frequencies in the analysis of stability."""
 
 
 class ImexStepper(Stepper):
     """A stepper with a solver of linear gravity waves, limited by the wind (docs/results).
 
-    `tolerance`: see `StageSolver`; `solver`: the one of another stepper of the same model, to share
-    it with its options.
+    `tolerance`: see `StageSolver`; `solver`: that of another stepper of the same model, shared with
+    its options.
     """
 
     family = "imex"
     reach = 8.0
     faster: ClassVar[float] = 8.0
-    """How many times faster than the explicit waves the implicit ones are at least in the analysis
-    of stability.  (Waves of nearly one frequency in both parts would grow in any implicit-explicit
-    Runge-Kutta method; but such are long ones, whose growth is tiny.)"""
+    """Least ratio of implicit to explicit wave frequencies in the analysis of stability.  (Waves
+    with nearly the same frequency in both parts grow in any implicit-explicit Runge-Kutta method;
+    but these waves are long, and their growth is tiny.)"""
     solver: WaveSolver
 
     def __init__(
@@ -62,16 +61,16 @@ class ImexStepper(Stepper):
 
     @classmethod
     def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
-        """Spectral radii [s-1] of F - L, with L the implicit waves.
+        """Return the spectral radii [s-1] of F - L, with L the implicit waves.
 
-        That is the advection at the strongest wind of a trial run: see `strongest_advection`.
+        They are those of advection at the strongest wind of a trial run: see `strongest_advection`.
         """
         at_start = explicit_spectrum(model.inviscid, state, t)
         return replace(at_start, wave=max(at_start.wave, strongest_advection(model)))
 
     @classmethod
     def growth(cls, z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
-        """Largest amplification factors, with implicit waves far faster than the explicit ones."""
+        """Largest amplification factors for implicit waves far faster than explicit ones."""
         of_faster = np.geomspace(cls.faster, MUCH_FASTER, 40)
         factors = np.concatenate([-of_faster, [0.0], of_faster])
         z_implicit = factors.reshape(-1, *(1 for _ in z_wave.shape)) * z_wave
@@ -82,11 +81,11 @@ class ImexStepper(Stepper):
     def split_growth(
         cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex
     ) -> NDArray[np.float64]:
-        """Largest amplification factors, for eigenvalues times dt of the implicit waves too."""
+        """Return the largest amplification factors, given also implicit eigenvalues times dt."""
 
 
 class Combiner:
-    """out = x + sum_s c[s] stack[s], with coefficients fixed so that launches can be recorded."""
+    """Sets out = x + sum_s c[s] stack[s]; its coefficients are fixed so that it can be recorded."""
 
     def __init__(self, model: Model, stack: wp.array, coefficients: NDArray[np.float64]) -> None:
         self._model = model
@@ -109,18 +108,18 @@ class Combiner:
 class ImexRungeKutta(ImexStepper):
     """Y_i = x + dt sum_j (explicit_ij N(Y_j) + implicit_ij L Y_j), N = F - L; one solve a stage.
 
-    The first stage is x.  Solved for is the change Y_i - x, so that the tolerance of the solver is
-    one of the change; L Y_i is what the solved equation implies, and the guess for it is the one of
-    a step before.
+    The first stage is x. The unknown is the change Y_i - x, so that the solver's tolerance is
+    relative to the change; the solved equation implies L Y_i, and the guess for it comes from one
+    step before.
     """
 
-    memory = "state", "slopes"  # the linear ones of depth in the last step
+    memory = "state", "slopes"  # linear slopes of depth in the last step
     explicit: ClassVar[Rows]
     """Rows below the diagonal, from the second stage on."""
     implicit: ClassVar[Rows]
     """Rows up to and with the diagonal, from the second stage on; one diagonal for all."""
     b: ClassVar[tuple[float, ...]]
-    """The weights of both."""
+    """Weights of both parts."""
 
     @classmethod
     def complete(cls) -> None:
@@ -155,7 +154,7 @@ class ImexRungeKutta(ImexStepper):
         self._last = Combiner(model, stack, dt * np.array(self.b))
 
     def begin(self, slope: wp.array) -> None:
-        """Guess the linear part of the slope at the start for all stages."""
+        """Guess the linear part of the initial slope for all stages."""
         self.solver.waves.linearise(self.state)
         self.solver.waves.apply(self.state, self._linear[0])
         for i in range(len(self.b)):

@@ -23,13 +23,13 @@ from swe_sphere.steppers.stepper import Family, Stepper, Trajectory
 
 KRYLOV_SIZE = 200
 KRYLOV_MEMORY = 2e9
-"""Basis vectors kept by GMRES, and the memory they may take [bytes]."""
+"""Number of basis vectors kept by GMRES, and the largest memory they may occupy [bytes]."""
 NEWTON_ITERATIONS = 12
-"""A solve that needs more is cheaper in two halves of the step."""
+"""Largest number of Newton iterations; beyond it two half steps cost less."""
 DIFFUSION = ("whole", "apart")
-"""Viscosity and hyperviscosity are part of the implicit equations, or are split off."""
+"""Viscosity and hyperviscosity are part of the implicit equations, or are stepped separately."""
 MOST_STEP_PARTS = 64
-"""A step that cannot be solved is halved, and halved again, into at most this many parts."""
+"""Largest number of parts into which repeated halving divides a step whose solve fails."""
 
 
 class StageProblem:
@@ -48,7 +48,7 @@ class StageProblem:
         model.launch.load(self._add)
 
     def residual(self, x: wp.array, out: wp.array) -> None:
-        """out = x - tau F(x) - rhs."""
+        """Set out = x - tau F(x) - rhs."""
         self._evaluate(x)
         factor = -self.slopes * self.tau
         self._model.launch(self._add, x.size, x, self._slope, factor, self.rhs, -1.0, out)
@@ -61,23 +61,23 @@ class StageProblem:
         self._operator.update(x, self.time)
 
     def jacobian(self, d: wp.array, out: wp.array) -> None:
-        """out = d - tau J d."""
+        """Set out = d - tau J d."""
         self._operator(d, out)
         self.space.axpby(1.0, d, -self.tau, out)
 
     def masses(self, x: wp.array) -> list[tuple[wp.array, wp.array, float]]:
-        """States that share the mass of a solution x: (source, state, more mean depth [m])."""
+        """Return states that share x's mass: (source, state, gain in mean depth [m])."""
         return [(self.rhs, x, self.slopes * self.tau * self._model.mean_source(self.time))]
 
 
 class NewtonStages(StageSolver):
     """Solver of the nonlinear equations of implicit stages, and of their linearised form.
 
-    equations: class of the problem, made from the model, the space and the preconditioner's name.
+    equations: class of the problem, called with the model, the space and the preconditioner's name.
     """
 
     prepared_for: float | None = None
-    """The tau [s] for which the preconditioner is set up; None: that of the stage."""
+    """Implicit step tau [s] for which the preconditioner is set up; None for that of the stage."""
 
     def __init__(
         self, model: Model, tolerance: float, preconditioner: str, equations: type[StageProblem]
@@ -121,8 +121,8 @@ class NewtonStages(StageSolver):
     def solve(self, tau: float, t: float, rhs: wp.array, x: wp.array) -> str | None:
         """Solve the problem for the implicit step tau [s] at the time t [s] from the guess x.
 
-        The solution replaces x, and has the masses of the exact one.  Returns why the solve failed,
-        if it did.
+        The solution replaces x, and has the masses of the exact one. Returns the reason of a
+        failure.
         """
         problem = self.problem
         problem.tau, problem.time, problem.rhs = tau, t, rhs
@@ -142,7 +142,7 @@ class NewtonStages(StageSolver):
     def solve_linear(
         self, tau: float, state: wp.array, rhs: wp.array, x: wp.array, rtol: float
     ) -> bool:
-        """Solve (I - tau J) x = rhs with J at a state; returns whether it converged."""
+        """Solve (I - tau J) x = rhs with J at a state; return whether the solve converged."""
         self.problem.tau = tau
         self.problem.linearise(state)
         result = self.newton.gmres.solve(
@@ -153,9 +153,9 @@ class NewtonStages(StageSolver):
         return result.converged
 
     def restore_mass(self, rhs: wp.array, x: wp.array, gain: float = 0.0) -> None:
-        """Give x the masses of the right-hand side, and as much mean depth [m] more as `gain`.
+        """Give x the masses of the right-hand side, and add `gain` to its mean depth [m].
 
-        Only masses that all effects conserve are restored; forcing has no tracer in it.
+        Only masses that all effects conserve are restored; forcing contains no tracer.
         """
         for conserved, unit, square in self._units:
             more = gain if conserved == "mass" else 0.0
@@ -181,7 +181,7 @@ class NewtonStages(StageSolver):
 class VariableStepper(Stepper):
     """A stepper that takes steps of any length by `solve_step`, with a solver of their equations.
 
-    A step of dt that cannot be solved is taken in parts.
+    A step of dt whose solve fails is divided.
     """
 
     family: ClassVar[Family] = "implicit"
@@ -196,9 +196,9 @@ class VariableStepper(Stepper):
         """The state after the step last attempted."""
 
     def advance(self) -> None:
-        """Take a step of dt, or as many equal parts of it as its solver needs.
+        """Take a step of dt, or as many equal fractions of it as its solver needs.
 
-        Raises SolverFailed, with the state as it was, where the smallest parts fail.
+        Raises SolverFailed, and restores the state, if the smallest fractions fail.
         """
         done, parts, start = 0, 1, self.state
         while done < parts:
@@ -223,13 +223,13 @@ class VariableStepper(Stepper):
 
     @classmethod
     def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
-        """Infinite: the step is limited by accuracy alone."""
+        """Return infinity: the step is limited by accuracy alone."""
         return np.inf
 
     def attempt(self, t: float, dt: float) -> str | None:
         """Write the state one step dt [s] after `state`, at t [s], to `new`.
 
-        Returns what is wrong with it, in words; `state` has not changed before `accept`.
+        Returns the fault of the new state, if any; `state` does not change before `accept`.
         """
         check_stop()
         self.hold(dt)
@@ -240,17 +240,17 @@ class VariableStepper(Stepper):
         return fault
 
     def hold(self, dt: float) -> None:
-        """Find what stays constant in the equations of a step of dt [s] from `state`."""
+        """Compute the terms that stay constant in a step of dt [s] from `state`."""
 
     @abstractmethod
     def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
         """Write the state one step dt [s] after `state`, at t [s], to `out`.
 
-        Returns why a solve failed, in words, if one did.
+        Returns the reason of a failed solve, if one failed.
         """
 
     def accept(self, dt: float) -> None:
-        """Make `new`, a step of dt [s] on, the present state, and remember how fast it moved."""
+        """Make `new`, a step of dt [s] on, the present state, and record its rate of change."""
         self.solver.accept(self.state, self.new, dt)
         self.space.copy(self.new, self.state)
 
@@ -258,8 +258,8 @@ class VariableStepper(Stepper):
 class ImplicitStepper(VariableStepper):
     """A stepper with a Newton-Krylov solver of its equations.
 
-    `tolerance`: see `StageSolver`; `solver`: the one of another stepper of the same model, to share
-    it with its options.
+    `tolerance`: see `StageSolver`; `solver`: that of another stepper of the same model, shared with
+    its options.
     """
 
     equations: ClassVar[type[StageProblem]] = StageProblem
@@ -268,7 +268,7 @@ class ImplicitStepper(VariableStepper):
     """Time of the state whose edge penalty a step holds, in steps after its start."""
     solver: NewtonStages
     guesses: Sequence[wp.array] = ()
-    """Slopes from which stages are guessed, those of the last step."""
+    """Slopes of the last step, from which stages are guessed."""
 
     def __init__(
         self, model: Model, dt: float, tolerance: float | None = None,
@@ -298,14 +298,14 @@ class ImplicitStepper(VariableStepper):
             self._held.find(self.state, self.solver.mean_slope, self.penalised_at * dt, dt)
 
     def begin(self, slope: wp.array) -> None:
-        """Guess the slope at the start for all stages."""
+        """Guess the initial slope for all stages."""
         for guess in self.guesses:
             self.space.copy(slope, guess)
 
     def error_estimate(self) -> float:
-        """Norm [m s-1] of the error of the step last attempted, if `estimate_order` is not None."""
+        """Return the norm [m s-1] of the last attempt's error, if `estimate_order` is not None."""
         raise NotImplementedError
 
     def implied_slope(self, x: wp.array, rhs: wp.array, tau: float, out: wp.array) -> None:
-        """out = (x - rhs)/tau: F(x) as the solved stage equation implies it, mass included."""
+        """Set out = (x - rhs)/tau: F(x) as the solved stage equation implies it, mass included."""
         self.space.axpby(-1.0 / tau, rhs, 1.0 / tau, x, out)

@@ -18,10 +18,10 @@ from swe_sphere.steppers.stepper import Stepper
 class Leapfrog(Stepper):
     """Leapfrog with Robert-Asselin-Williams filter: one right-hand side a step, started by rk4.
 
-    Williams 2009 (doi:10.1175/2009MWR2724.1).  Drag and relaxation are taken at the past level,
-    where they are stable; diffusion acts over the two steps from there.  Another filter than the
-    usual one (strength 0: none) is for comparison with other models at a given step: `stable_dt` is
-    that of the usual one.
+    Williams 2009 (doi:10.1175/2009MWR2724.1). Drag and relaxation are evaluated at the past level,
+    where they are stable; diffusion acts over the two steps from there. A filter other than the
+    default (strength 0: no filter) serves for comparison with other models at a given step:
+    `stable_dt` assumes the default.
     """
 
     name, order = "leapfrog", 2
@@ -37,7 +37,7 @@ class Leapfrog(Stepper):
     default_strength: ClassVar[float] = 0.1
     """Strength nu of the filter (Robert's coefficient 0.05 in other notation)."""
     default_share: ClassVar[float] = 0.7
-    """Williams' alpha: part of the displacement given to the present level (1: Robert-Asselin)."""
+    """Williams' alpha: share of the displacement of the present level (1: Robert-Asselin)."""
 
     def __init__(
         self, model: Model, dt: float, strength: float | None = None, share: float | None = None
@@ -52,7 +52,7 @@ class Leapfrog(Stepper):
         model.launch.load(self._kernel, self._add)
 
     def _make_starter(self, model: Model) -> Stepper:
-        """Make the stepper that takes the first step."""
+        """Build the stepper that takes the first step."""
         return RK4(model, self.dt)
 
     def advance(self) -> None:
@@ -77,10 +77,10 @@ class Leapfrog(Stepper):
         )
 
     def _add_waves(self) -> None:
-        """Add to the slope what implicit waves change of it."""
+        """Add the implicit waves' contribution to the slope."""
 
     def _solve(self) -> tuple[wp.array, float]:
-        """Return an array and the factor by which it is the change over two steps."""
+        """Return an array and the factor that turns it into the change over two steps."""
         return self._slope, 2.0 * self.dt
 
     @classmethod
@@ -98,14 +98,14 @@ class SemiImplicit(ImexStepper, Leapfrog):
     """Semi-implicit leapfrog, Robert-Asselin-Williams filter: one right-hand side and one solve.
 
     (I - dt L) x+ = x- + 2 dt [F(x) - L x] + dt L x- (Robert 1969; Hoskins & Simmons 1975,
-    doi:10.1002/qj.49710142918), solved for the change x+ - x-: its right-hand side is
-    2 dt [F(x) + L (x- - x)], and the one change before is the guess.  Diffusion joins the
-    right-hand side.  Started by ARK2.  The default tolerance leaves a hundredth of the error in
+    doi:10.1002/qj.49710142918), solved for the change x+ - x-: its right-hand side is 2 dt [F(x) +
+    L (x- - x)], and the previous change is the guess. Diffusion is added to the right-hand side.
+    The first step uses ARK2. With the default tolerance the solver adds a hundredth of the error in
     time in williamson5 after 5 days.
     """
 
     name = "semi-implicit"
-    memory = "state", "previous", "guess"  # the last change of depth
+    memory = "state", "previous", "guess"  # `guess` is the last change of depth
     default_tolerance = 1e-2
     error_constant = 1.0 / 6.0  # leapfrog's, dt^3/3 of the third derivative, of a change of 2 dt
     style = ("#E69F00", "D")
@@ -118,7 +118,7 @@ class SemiImplicit(ImexStepper, Leapfrog):
         return ARK2(model, self.dt, solver=self.solver)
 
     def begin(self, slope: wp.array) -> None:
-        """Forget the change before."""
+        """Discard the previous change."""
         self.guess.zero_()
 
     def advance(self) -> None:
@@ -130,7 +130,7 @@ class SemiImplicit(ImexStepper, Leapfrog):
         wp.copy(self.guess, self._difference[self._depth])
 
     def _add_waves(self) -> None:
-        """slope += L (x- - x)."""
+        """Set slope += L (x- - x)."""
         self.solver.waves.linearise(self.state)
         self.space.axpby(-1.0, self.state, 1.0, self.previous, self._difference)
         self.solver.waves.apply(self._difference, self._part)
@@ -152,10 +152,10 @@ class SemiImplicit(ImexStepper, Leapfrog):
 
 
 def filtered_growth(old: Complex, new: Complex) -> NDArray[np.float64]:
-    """Largest growth with the filter of the scheme x+ = old x- + new x.
+    """Return the largest growth of the scheme x+ = old x- + new x with the filter.
 
-    Its levels are rows of weights of (x-, x), which a step with the filter's displacement
-    D = strength / 2 (x- - 2 x + x+) takes to (x + share D, x+ - (1 - share) D).
+    Its levels are rows of weights of (x-, x), which a step with the filter's displacement D =
+    strength / 2 (x- - 2 x + x+) maps to (x + share D, x+ - (1 - share) D).
     """
     half, share = 0.5 * Leapfrog.default_strength, Leapfrog.default_share
     past, present = np.eye(2)

@@ -1,4 +1,4 @@
-"""Multirate steppers: gravity waves in short steps of their own, all else in long ones."""
+"""Multirate steppers: gravity waves in short sub-steps, all other terms in long steps."""
 
 import math
 from dataclasses import replace
@@ -23,26 +23,26 @@ Matrix = NDArray[np.float64]
 
 STAGES = 3
 ANGLE = 1.2
-"""Radians by which the fastest gravity wave turns in a sub-step, at most."""
+"""Largest phase change [rad] of the fastest gravity wave in a sub-step."""
 
 
 class InfinitesimalStep(FlowLimited):
     """Multirate infinitesimal step: the stages of a Runge-Kutta method are flows of the waves.
 
-    Wensch, Knoth & Galant 2009, Knoth & Wensch 2014 (doi:10.1175/MWR-D-13-00068.1; from there the
-    coefficients).  With the changes D_j since the start x of the step, D_i is what
-    Z' = L Z + [sum_j gamma_ij D_j / dt + sum_j beta_ij (F - L)(x + D_j)] / d_i makes of
-    sum_j alpha_ij D_j in the time d_i dt, d_i = sum_j beta_ij.  L are the gravity waves on a fluid
-    at rest that is as deep as x.  It is linear: what is subtracted from F is L of the mean of the
-    D_j with the weights beta_ij / d_i, and Z is counted from that mean.  Where there are no gravity
-    waves a Runge-Kutta method is left.
+    Wensch, Knoth & Galant 2009, Knoth & Wensch 2014 (doi:10.1175/MWR-D-13-00068.1; source of the
+    coefficients). With the changes D_j since the start x of the step, D_i is the result of Z' = L Z
+    + [sum_j gamma_ij D_j / dt + sum_j beta_ij (F - L)(x + D_j)] / d_i from sum_j alpha_ij D_j after
+    the time d_i dt, d_i = sum_j beta_ij. L are the gravity waves on a fluid at rest that is as deep
+    as x. L is linear: the term subtracted from F is L of the mean of the D_j with the weights
+    beta_ij / d_i, and Z is relative to that mean. Without gravity waves the method is a Runge-Kutta
+    method.
 
-    `substeps`: the least number of sub-steps in a step; 0: as many as the waves need.  Raises
-    ConfigError where it is negative.
+    `substeps`: the least number of sub-steps in a step; 0: as many as the waves need. Raises
+    ConfigError if it is negative.
     """
 
     alpha: ClassVar[Rows]
-    """Rows of the second and the third stage, as those of `gamma`."""
+    """Rows of the second and the third stage, like those of `gamma`."""
     beta: ClassVar[Rows]
     gamma: ClassVar[Rows]
     reach, looks = 60.0, 120
@@ -93,7 +93,7 @@ class InfinitesimalStep(FlowLimited):
             model.launch(self._add, model.size, x, change, 1.0, stage)
 
     def _move(self, duration: float, steps: int) -> None:
-        """Let the waves and the rate act for a duration [s]."""
+        """Integrate the waves and the rate over a duration [s]."""
         if self._fast is None:
             moved, rate = self._moved, self._rate
             self.model.launch(self._add, self.model.size, moved, rate, duration, moved)
@@ -109,10 +109,10 @@ class InfinitesimalStep(FlowLimited):
 
     @classmethod
     def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
-        """Spectral radii [s-1], and in the place of the wind's part in the first the slow one.
+        """Return spectral radii [s-1], with the slow rate in place of the wind's share.
 
-        That is of the strongest wind of a trial run, or of the Coriolis force, which limits the
-        waves as a wind does: turning alone is not what breaks first.
+        The slow rate is that of the strongest wind of a trial run, or of the Coriolis force, which
+        limits the waves as a wind does: rotation alone is not what becomes unstable first.
         """
         found = super().spectrum(model, state, t)
         if model.scene.effect("pressure-gradient") is None:
@@ -122,7 +122,7 @@ class InfinitesimalStep(FlowLimited):
 
     @classmethod
     def propagator(cls, share: float, wave: Complex, wind: Complex, loss: Complex) -> Complex:
-        """(..., 2, 2) change of (h' sqrt(g/H), u) of a wave by a step, see `FlowLimited`."""
+        """Return the change (..., 2, 2) of (h' sqrt(g/H), u) by a step; see `FlowLimited`."""
         alpha, beta, gamma = cls._matrices()
         x, z, damped = np.eye(2), wave[..., None], (loss - wind)[..., None]
         changes, slopes = np.zeros((2, STAGES, *wave.shape[:-1], 2, 2), complex)
@@ -137,7 +137,7 @@ class InfinitesimalStep(FlowLimited):
 
 
 def substep_counts(beta: Matrix, angle: float) -> list[int]:
-    """Sub-steps of each stage where waves turn by so many radians in a step."""
+    """Return the sub-steps of each stage for waves that turn by `angle` radians in a step."""
     return [max(1, math.ceil(d * angle / ANGLE)) for d in beta.sum(axis=1)]
 
 

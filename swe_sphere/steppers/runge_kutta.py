@@ -1,4 +1,4 @@
-"""Explicit Runge-Kutta methods: a method is its Butcher tableau."""
+"""Explicit Runge-Kutta methods, each defined by its Butcher tableau."""
 
 from collections.abc import Iterator
 from typing import Any, ClassVar
@@ -24,8 +24,8 @@ from swe_sphere.steppers.stepper import Stepper, read_methods
 class RungeKutta(Stepper):
     """Explicit Runge-Kutta method with stages K_i = F(x + dt sum_j a_ij K_j, t + c_i dt).
 
-    No slope is kept: a stage adds its own to what the levels before it tell of theirs (see
-    `kernels/simd/stages.py`).
+    No slope is stored: a stage adds its slope to a combination of the previous levels, which
+    contain the earlier slopes (see `kernels/simd/stages.py`).
     """
 
     a: ClassVar[tuple[tuple[float, ...], ...]]
@@ -55,7 +55,7 @@ class RungeKutta(Stepper):
                 terms = stack, mesh.upload(weights), first, last
                 start = mixed if share else model.zeros()
             rhs = self.model.right_hand_side(stage=(start, dt * (share or 1.0)))
-            where = start if alone else point  # not what is written
+            where = start if alone else point  # other than the output array
             self._stages.append((terms, start, rhs, where, offset, level))
             point = level if share else start
 
@@ -69,10 +69,10 @@ class RungeKutta(Stepper):
 
     @classmethod
     def _sums(cls) -> Iterator[tuple[NDArray[np.float64], float]]:
-        """Of each row the weights of the levels above it, and its share of the slope before it.
+        """Yield for each row the weights of the levels above it, and its share of the last slope.
 
-        Where it has none of that slope, the level it leads to has all of it, to tell those below.
-        Raises ConfigError where the last slope is for nothing.
+        If it has no share, the row's level contains all of that slope, for the rows below. Raises
+        ConfigError if the last slope is unused.
         """
         rows = tableau((*cls.a, cls.b), 1 + len(cls.b))[1:, :-1]
         told = rows + np.diag(rows.diagonal() == 0.0)
@@ -83,7 +83,7 @@ class RungeKutta(Stepper):
 
     @classmethod
     def growth(cls, z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
-        """|R(z)| for the sum z of both parts."""
+        """Return |R(z)| for the sum z of both parts."""
         a = tableau(cls.a, len(cls.b))
         return runge_kutta_growth(np.array(cls.b), (a, z_wave + z_dissipation))
 

@@ -1,9 +1,9 @@
-"""Viscosity, hyperviscosity and the edge penalty on their own, so that they limit no step.
+"""Viscosity, hyperviscosity and the edge penalty in separate steps, so that they limit no step.
 
-The first two are linear, symmetric and cheap to keep stable: a Runge-Kutta-Legendre method of s
-stages damps all modes up to a rate times step of (s² + s - 2)/2 (Meyer, Balsara & Aslam 2014,
-doi:10.1016/j.jcp.2013.08.021, section 2.2: RKL2, of second order).  Where first order will do and
-the step is short enough for it, one stage of Euler's is half of that.
+The first two are linear, symmetric and inexpensive to keep stable: a Runge-Kutta-Legendre method of
+s stages damps all modes up to a rate times step of (s² + s - 2)/2 (Meyer, Balsara & Aslam 2014,
+doi:10.1016/j.jcp.2013.08.021, section 2.2: RKL2, of second order). If first order suffices and the
+step is short enough, a single Euler stage costs half of that.
 
 The edge penalty removes modes that grow in days, so that it need not act in every step.
 """
@@ -21,31 +21,31 @@ from swe_sphere.operators.launch import Span, in_runs
 from swe_sphere.operators.replay import Replay
 
 REACH = 0.75
-"""Part of the stable interval that is used: with two or four stages the fastest modes are hardly
-damped at its end."""
+"""Fraction of the stable interval that is used: with two or four stages the fastest modes are
+hardly damped at its end."""
 ONE_STAGE = 1.24
-"""Rate times step up to which one stage is taken.  Modes beyond 1 change their sign; at 0.97 of its
-limit `forward-backward` amplifies waves of which less than -0.24 is left, at 0.95 it does not."""
+"""Largest rate times step of a single stage.  Modes beyond 1 change their sign; at 0.97 of its
+limit `forward-backward` amplifies waves whose factor is below -0.24, at 0.95 it does not."""
 LONGEST_CYCLE = 24
-"""Most steps between two actions of the edge penalty, which are also at most 1.5 radians of
-inertial oscillations apart: the modes that it removes are such oscillations."""
+"""Largest number of steps between two actions of the edge penalty, which are also at most 1.5
+radians of inertial oscillations apart: the modes that it removes are such oscillations."""
 MOST_PARTS = 200
-"""So many actions of the edge penalty follow each other at most."""
+"""Largest number of consecutive actions of the edge penalty."""
 HELD = 0.75
-"""Rate times step up to which an implicit step may hold the edge penalty as it is: explicit steps
-of a state that is extrapolated by half a step are stable up to 1."""
+"""Largest rate times step for which an implicit step holds the edge penalty unchanged: explicit
+steps of a state extrapolated by half a step are stable up to 1."""
 MOST_STAGES = 1000
-"""So many even out whole elements in a step."""
+"""Largest number of stages; they even out whole elements in a step."""
 
 Stage = tuple[float, float, float, float]
 
 
 def legendre_stages(reach: float, order: int = 2) -> list[Stage]:
-    """Coefficients (mu, nu, a, b) of the stages for a rate times step of up to `reach`.
+    """Return coefficients (mu, nu, a, b) of the stages for a rate times step of up to `reach`.
 
-    For the changes d_j = Y_j - Y_0 = mu d_(j-1) + nu d_(j-2) + a dt F(Y_(j-1)) + b dt F(Y_0).
+    The changes are d_j = Y_j - Y_0 = mu d_(j-1) + nu d_(j-2) + a dt F(Y_(j-1)) + b dt F(Y_0).
 
-    Raises ConfigError for so many that no step would ever end.
+    Raises ConfigError for more than `MOST_STAGES`.
     """
     if order == 1 and reach <= ONE_STAGE:
         return [(0.0, 0.0, 1.0, 0.0)]
@@ -82,23 +82,23 @@ class Diffusion:
         self._replay = Replay(model.launch)
 
     def act(self, state: wp.array) -> None:
-        """Diffuse the state by itself."""
+        """Diffuse the state without other terms."""
         last, _ = self._changes
         self._replay(state.ptr, self._step, state, None, 1.0, last, state)
 
     def join(self, past: wp.array, slope: wp.array) -> None:
-        """Make of the slope of all else, held from `past` on, the mean slope of both together.
+        """Replace the slope of all other terms, held from `past` on, by the mean with diffusion.
 
-        Where D(past) and the slope cancel nothing is left of it: steady states stay.
+        If D(past) and the slope cancel, the result is zero: steady states stay steady.
         """
         self._step(past, slope, 1.0 / self._dt, slope, self._stage)
 
     def _step(
         self, x: wp.array, slope: wp.array | None, scale: float, change: wp.array, y: wp.array
     ) -> None:
-        """change = scale (Y - x) and y = x + change after a step from x.
+        """Set change = scale (Y - x) and y = x + change after a step from x.
 
-        Stages are kept as changes: rounded factors of the state itself would add to its mass.
+        Stages are kept as changes: rounded factors of the state itself would change its mass.
         """
         first, stage, (last, before) = self._first, self._stage, self._changes
         held = 0.0 if slope is None else 1.0
@@ -123,9 +123,9 @@ class Diffusion:
 class SplitPenalty:
     """The edge penalty in steps of dt [s]: it acts on the newest level in the middle of a cycle.
 
-    A cycle has an even number of steps, `every`.  With `chains` None the midpoint rule is used.
-    Else Euler's is, on as many levels in turn as do not follow from each other; there the penalty
-    must be weak enough to leave waves near the limit of the step alone.
+    A cycle has an even number of steps, `every`. With `chains` None the midpoint rule is used,
+    otherwise Euler's, in turn on that many levels that do not follow from each other; there the
+    penalty must be weak enough not to affect waves near the stability limit of the step.
     """
 
     def __init__(
@@ -176,7 +176,7 @@ class SplitPenalty:
 class HeldPenalty:
     """The edge penalty as a `rate` of the wind that is constant in a step of at most dt [s].
 
-    The equations of an implicit step then cost what they do without it.
+    The equations of an implicit step then cost as much as without the penalty.
     """
 
     def __init__(self, model: Model, dt: float) -> None:
@@ -187,9 +187,9 @@ class HeldPenalty:
         self._add = combine_kernel(model.device_mesh.real, 1)
 
     def find(self, state: wp.array, slope: wp.array, ahead: float, dt: float) -> None:
-        """Find the rate for a step of dt [s], of the state that is `ahead` [s] by the slope.
+        """Find the rate for a step of dt [s], at the state extrapolated over `ahead` [s].
 
-        Long steps, in which that would overshoot, have the mean rate of a step of the penalty.
+        Long steps, which would overshoot, use the mean rate of a step of the penalty.
         """
         launch, add, rate, end = self._model.launch, self._add, self.rate, self._end
         launch(add, end.size, state, slope, ahead, self._point)

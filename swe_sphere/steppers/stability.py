@@ -1,4 +1,4 @@
-"""Largest stable steps from amplification factors, and the tableaus that these follow from."""
+"""Largest stable steps from amplification factors, and the tableaus that determine these."""
 
 import math
 from collections import Counter
@@ -15,7 +15,7 @@ Complex = NDArray[np.complex128]
 Rows = tuple[tuple[float, ...], ...]
 TOLERANCE = 1e-7
 SHORT = 0.25
-"""Product of a step and the spectral radii at which waves do not grow, or grow at any step."""
+"""Product of a step and the spectral radii; waves that grow there grow at any step."""
 GROWTH_TIME = 15 * DAY
 """Time in which a method that has no stable step may amplify the fastest wave by a factor e [s]."""
 ROUNDING = 1e-6
@@ -33,12 +33,12 @@ def largest_step(
 ) -> float:
     """Return the largest dt [s] up to which no mode grows by more than the tolerance in a step.
 
-    `growth(z_wave, z_dissipation)` gives the largest amplification factor for eigenvalues times dt
-    of the waves (imaginary) and the dissipation (negative); all combinations up to the spectral
-    radii `wave` and `dissipation` [s-1] are looked at.  `reach` bounds dt times the sum of both;
-    where steps longer than an unstable one may be stable again, `looks` steps up to it are tried.
-    A method that amplifies waves at any step, however short (Heun's of second order), may amplify
-    one by a factor e in `growth_time` [s] instead.
+    `growth(z_wave, z_dissipation)` is the largest amplification factor for eigenvalues times dt of
+    the waves (imaginary) and the dissipation (negative); the search covers all combinations up to
+    the spectral radii `wave` and `dissipation` [s-1]. `reach` bounds dt times the sum of both; if
+    steps longer than an unstable one may be stable again, `looks` steps up to it are tried. A
+    method that amplifies waves at any step, however short (Heun's of second order), may amplify one
+    by a factor e in `growth_time` [s] instead.
     """
     if wave + dissipation == 0.0:
         return np.inf
@@ -64,7 +64,7 @@ def largest_step(
 
 
 def tableau(rows: Sequence[Sequence[float]], stages: int) -> NDArray[np.float64]:
-    """The matrix A (stages, stages) of a method from its last rows, without their zeros behind."""
+    """Return the matrix A (stages, stages) of a method from its last rows, without zeros behind."""
     a = np.zeros((stages, stages))
     for i, row in enumerate(rows, start=stages - len(rows)):
         a[i, : len(row)] = row
@@ -76,7 +76,7 @@ def checked_tableau(
 ) -> NDArray[np.float64]:
     """Return the matrix A of the rows in an attribute of a method with the weights `b`.
 
-    Rows begin with stage `first` and end on the diagonal, or before it without `diagonal`.  Raises
+    Rows begin with stage `first` and end on the diagonal, or before it without `diagonal`. Raises
     ConfigError for another number of rows, and for rows of another length.
     """
     rows, lengths = getattr(cls, attribute), range(first + diagonal, len(cls.b) + diagonal)
@@ -90,9 +90,9 @@ def checked_tableau(
 
 
 def check_order(cls: Any, *matrices: NDArray[np.float64]) -> None:
-    """Raise ConfigError where a method misses an order condition of its `order`, up to the fifth.
+    """Raise ConfigError if a method misses an order condition of its `order`, up to the fifth.
 
-    matrices: A of each part of the right-hand side.  A condition b . phi = 1 / density belongs to
+    matrices: A of each part of the right-hand side. A condition b . phi = 1 / density belongs to
     each rooted tree whose branches have matrices (Hairer, Norsett & Wanner 1993, II.2 and II.15).
     """
     b, branches = np.array(cls.b), list[_Branch]()
@@ -125,7 +125,7 @@ class _Branch(NamedTuple):
 
 
 def _forests(branches: Sequence[_Branch], nodes: int) -> Iterator[tuple[_Branch, ...]]:
-    """Yield all multisets of branches that have so many nodes together."""
+    """Yield all multisets of branches with `nodes` nodes together."""
     if nodes == 0:
         yield ()
     for i, branch in enumerate(branches):
@@ -135,7 +135,7 @@ def _forests(branches: Sequence[_Branch], nodes: int) -> Iterator[tuple[_Branch,
 
 
 def error_constant(a: NDArray[np.float64], b: NDArray[np.float64], order: int) -> float:
-    """|b^T A^p 1 - 1/(p+1)!|, by which R(z) of a method of order p differs from e^z at z^(p+1)."""
+    """Return |b^T A^p 1 - 1/(p+1)!|, by which R(z) of order p differs from e^z at z^(p+1)."""
     power = np.linalg.matrix_power(a, order).sum(axis=1)
     return float(abs(b @ power - 1.0 / math.factorial(order + 1)))
 
@@ -143,9 +143,9 @@ def error_constant(a: NDArray[np.float64], b: NDArray[np.float64], order: int) -
 def runge_kutta_growth(
     b: NDArray[np.float64], *parts: tuple[NDArray[np.float64], Complex]
 ) -> NDArray[np.float64]:
-    """|R|, R = 1 + z b^T (I - sum_k z_k A_k)^-1 1 (Hairer & Wanner 1996, eq. IV.3.2), z = sum z_k.
+    """Return |R|, R = 1 + z b^T (I - sum_k z_k A_k)^-1 1 (Hairer & Wanner 1996, eq. IV.3.2).
 
-    b: the weights; parts: matrices A_k with the eigenvalues times dt z_k of what they are for.
+    b: the weights; parts: matrices A_k, each with its eigenvalues times dt z_k; z = sum z_k.
     """
     stacked = np.broadcast_arrays(*(z for _, z in parts))
     matrix = np.eye(len(b)) - sum(
@@ -156,5 +156,5 @@ def runge_kutta_growth(
 
 
 def largest_eigenvalue(step: Complex) -> NDArray[np.float64]:
-    """Largest modulus of the eigenvalues of matrices (..., n, n)."""
+    """Return the largest modulus of the eigenvalues of matrices (..., n, n)."""
     return np.asarray(np.abs(np.linalg.eigvals(step)).max(axis=-1))

@@ -1,4 +1,4 @@
-"""Solvers of the equations in a step: in which norm, how exactly, and with which result."""
+"""Solvers of the equations in a step: their norm, tolerance and results."""
 
 import math
 from typing import Any
@@ -14,25 +14,25 @@ from swe_sphere.solvers.gravity_waves import GravityWaves
 from swe_sphere.solvers.vector_space import VectorSpace
 
 SHARE = 0.45
-"""Part of the least truncation error of a step that the solver may add to it."""
+"""Fraction of the least truncation error of a step that the solver may add to it."""
 PROBE = 1e-2
-"""Part of a time step after which the slope is looked at again to know its rate of change."""
+"""Fraction of a time step after which the slope is sampled again to find its rate of change."""
 TRACER_SHARE = 0.1
-"""About the Froude number of the flows here: with it the change of a tracer that the wind carries
-along weighs as much as the change of the wind, and does not drown it."""
+"""Approximate Froude number of the flows here: it gives the change of a tracer that the wind
+carries the same weight as the change of the wind."""
 NOTHING = 1e-60
-"""Weights have to be positive."""
+"""Weight that counts as none, because weights must be positive."""
 WORTHLESS = 0.3
-"""Residuals below so many round-offs of the state are worth one iteration, not two: rounding alone
-leaves as much.  With more they add up, in float32, where steps are short."""
+"""Residuals below this many round-offs of the state justify one iteration, not two: rounding alone
+causes as much.  A larger number would let them accumulate in float32 with short steps."""
 
 
 def energy_weights(model: Model) -> NDArray[np.float64]:
-    """Weights (n,) of the energy inner product: area, times g/H for depth, over the whole area.
+    """Return weights (n,) of the energy inner product: area, times g/H for depth, over all area.
 
-    With them a norm is in [m s-1], and tolerances mean the same in any units and on any planet.
-    The mass hq of a tracer counts as depth does, over the largest q of the start, and under a wind
-    that is stepped by `TRACER_SHARE` of that; the mass that has crossed a point not at all.
+    With them a norm is in [m s-1], and tolerances are independent of units and planet. The mass hq
+    of a tracer counts as depth does, over the largest initial q, and with a prognostic wind by
+    `TRACER_SHARE` of that; an accumulated mass flux has no weight.
     """
     share: NDArray[np.float64] = model.mesh.area / model.mesh.area.sum()
     ratios = mixing_ratios(model.scene, model.mesh).values()
@@ -51,9 +51,9 @@ class Motion:
     """Time derivatives of the state by differences of its mean slopes over the last steps.
 
     rate |x'| [m s-1 s-1 in the energy norm]; frequencies |x''|/|x'| and |x'''|/|x''| [s-1], of
-    which the second is never less than the first for a sum of oscillations (Cauchy-Schwarz:
-    |x''|^2 <= |x'| |x'''|, and so on for all derivatives).  A scheme of order p therefore leaves
-    a truncation error of at least C f_1 f_2^(p-1) dt^p |x'| dt a step.
+    which the second is at least the first for a sum of oscillations (Cauchy-Schwarz: |x''|^2 <=
+    |x'| |x'''|, and so on for all derivatives). The truncation error of a scheme of order p is
+    therefore at least C f_1 f_2^(p-1) dt^p |x'| dt per step.
     """
 
     def __init__(self, space: VectorSpace) -> None:
@@ -82,8 +82,7 @@ class Motion:
         self.mean_slope, self.bend, self._work, self.last_dt = slope, bend, before, dt
 
     def truncation(self, constant: float, order: int, dt: float) -> float:
-        """Return the residual that a solver may leave in a step of dt [s] of a scheme with error
-        constant C.
+        """Return the permitted residual in a step of dt [s] of a scheme with error constant C.
 
         It is `SHARE` of the least truncation error, relative to the change over the step.
         """
@@ -95,7 +94,7 @@ class Motion:
         return {"mean_slope": self.mean_slope, "bend": self.bend}
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """Return what an exact restart needs beside `arrays`."""
+        """Return the numbers that an exact restart needs in addition to `arrays`."""
         return {"motion": np.array([self.rate, self.last_dt, *self.frequencies])}
 
     def load_state_dict(self, saved: dict[str, NDArray[Any]]) -> None:
@@ -105,18 +104,18 @@ class Motion:
 
 
 def _ratio(above: float, below: float) -> float:
-    """Return the quotient; 0 for a zero numerator, infinity for a zero denominator alone."""
+    """Return the quotient; 0 for a zero numerator, infinity if only the denominator is zero."""
     if above == 0.0:
         return 0.0
     return above / below if below > 0.0 else math.inf
 
 
 class StageSolver(Motion):
-    """A solver of stages, whose solves leave less than the truncation error of a step.
+    """A solver of stages whose residuals are below the truncation error of a step.
 
-    `tolerance`: largest residual, relative to the change over a step; solved for is a part of the
-    estimated truncation error, where that is smaller (see `Motion`).  Raises ConfigError for one
-    out of range.
+    `tolerance`: largest residual, relative to the change over a step; the target is a fraction of
+    the estimated truncation error, if that is smaller (see `Motion`). Raises ConfigError for a
+    tolerance out of range.
     """
 
     def __init__(self, model: Model, tolerance: float) -> None:
@@ -135,9 +134,9 @@ class StageSolver(Motion):
         self._needs_depth = waves and not model.scene.linear
 
     def start(self, state: wp.array, t: float, dt: float) -> wp.array:
-        """Begin at a state at t [s], from which steps of dt [s] are taken; return the slope F.
+        """Start at a state at t [s], from which steps of dt [s] are taken; return the slope F.
 
-        The array returned is that of the slope, not a copy.
+        The returned array is that of the slope, not a copy.
         """
         space, slope, bend, probe = self.space, self.mean_slope, self.bend, PROBE * dt
         self.model.tendency(state, t, slope)
@@ -158,10 +157,10 @@ class StageSolver(Motion):
         self.tolerance = min(self.loosest, self.truncation(error_constant, order, dt))
 
     def reject(self) -> None:
-        """Forget what the solves of the present step have shown."""
+        """Discard the results of the solves of the present step."""
 
     def worthless(self) -> float:
-        """Residual that is worth one iteration, not two; 0 if the tolerance is 0."""
+        """Return the residual that justifies one iteration, not two; 0 if the tolerance is 0."""
         least = WORTHLESS * self.space.epsilon * self.space.norm(self.state)
         return least if self.loosest > 0.0 else 0.0
 
@@ -174,7 +173,7 @@ class StageSolver(Motion):
         return None if lowest > 0.0 else f"the depth falls to {lowest:.3g} m"
 
     def costs(self) -> dict[str, float]:
-        """Counts of set-ups and applications of a preconditioner, and seconds of set-ups."""
+        """Return counts of set-ups and applications of a preconditioner, and seconds of set-ups."""
         return {}
 
 
@@ -191,9 +190,9 @@ class WaveSolver(StageSolver):
         self.waves, self._name = GravityWaves(model), name
 
     def solve(self, tau: float, t: float, r: wp.array, guess: wp.array, out: wp.array) -> None:
-        """out (3N,) = (I - tau L)^-1 r, from a guess of its depth (N,), in a step from t [s].
+        """Set out (3N,) = (I - tau L)^-1 r, from a guess of its depth (N,), in a step from t [s].
 
-        Raises SolverFailed where that does not converge.
+        Raises SolverFailed if the solve does not converge.
         """
         self.waves.setup(tau)
         result = self.waves.solve(r, guess, out, self.tolerance)
@@ -205,5 +204,5 @@ class WaveSolver(StageSolver):
             )
 
     def costs(self) -> dict[str, float]:
-        """Number of set-ups, and seconds that they took."""
+        """Return the number of set-ups, and their time [s]."""
         return {"setups": self.waves.setups, "setup_seconds": self.waves.setup_seconds}

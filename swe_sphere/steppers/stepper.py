@@ -24,26 +24,25 @@ from swe_sphere.steppers.stability import GROWTH_TIME, Complex, largest_step
 from swe_sphere.steppers.stage_solver import StageSolver
 
 RECOMMENDED = "tr-bdf2"
-"""The fully implicit scheme that the measurements recommend."""
+"""Recommended fully implicit scheme, according to measurements."""
 
 Family = Literal["explicit", "imex", "exponential", "implicit"]
-"""What is stepped explicitly, implicitly or exactly: all is explicit, linear gravity waves are
-implicit, the linear part is exact, all is implicit."""
+"""Family of a method, in this order: all terms are explicit; linear gravity waves are implicit;
+the linear part is exact; all terms are implicit."""
 
 Marker = str | tuple[int, Literal[1], int]
-"""A marker of matplotlib: a letter, or a star's points, 1, and its turn [degrees]."""
+"""Marker of matplotlib: a letter, or a star's points, 1, and its rotation [degrees]."""
 
 STEPPERS: "Registry[Stepper]" = Registry(
     "stepper",
     order=lambda cls: (get_args(Family).index(cls.family), cls.order),
     aliases={"fully-implicit": RECOMMENDED},
 )
-"""All steppers by name, by family and order; a class with a `name` is entered where it is
-defined."""
+"""All steppers by name, sorted by family and order; a class with a `name` registers itself."""
 
 
 LARGE = 500_000
-"""Nodes of a rank above which a step of implicit gravity waves, or of tracers, takes a second."""
+"""Number of nodes per rank above which a step of implicit waves, or of tracers, takes a second."""
 
 
 def is_large(model: Model) -> bool:
@@ -52,26 +51,26 @@ def is_large(model: Model) -> bool:
 
 
 class Trajectory:
-    """A state that moves in time, with what an exact restart needs.
+    """A state that advances in time, with all data that an exact restart needs.
 
-    Steppers are trajectories, and so are controllers of the step size that hold one.  Raises
+    Steppers are trajectories, and so are controllers of the step size that contain one. Raises
     ConfigError for a step that is not positive and finite.
     """
 
     name: ClassVar[str]
-    """The name that users type; a class without a name of its own is a base of others."""
+    """Name that users type; a class without a name is a base of others."""
     order: ClassVar[int]
     memory: ClassVar[tuple[str, ...]] = ("state",)
     """Arrays that a method must keep between steps, by name; they are written to checkpoints."""
     solver: StageSolver | None = None
-    """Solver of the equations in a step; None: it solves none."""
+    """Solver of the equations in a step; None if there are none."""
     can_give_up: bool = False
-    """True if steps are long and call `check_stop`, so that one may be given up within it."""
+    """True if steps are long and call `check_stop`, so that a step may be interrupted."""
     together: int = 1
     """Number of steps that `step` takes."""
 
     def __init__(self, model: Model, dt: float) -> None:
-        """dt: time step [s]."""
+        """Create a trajectory of a model with the time step dt [s]."""
         if not (np.isfinite(dt) and dt > 0.0):
             raise ConfigError(f"the time step must be positive and finite, not {dt} s")
         self.model, self.dt = model, float(dt)
@@ -88,39 +87,39 @@ class Trajectory:
         return self.origin + self.steps * self.dt
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
-        """Begin from a copy of the state at time t [s]."""
+        """Start from a copy of the state at time t [s]."""
         wp.copy(self.state, state)
         self.origin, self.steps = t, 0
 
     def follow(self, earlier: "Trajectory", t: float) -> None:
-        """Continue from the state of an earlier one of the same method at time t [s].
+        """Continue from the state of an earlier trajectory of the same method at time t [s].
 
-        A multistep method starts again, or keeps its memory where its steps may vary.
+        A multistep method starts again, or keeps its memory if its steps may vary.
         """
         self.start(earlier.state, t)
 
     def step(self) -> None:
-        """Move `state` forward."""
+        """Advance `state`."""
         raise NotImplementedError
 
     def take(self, most: int) -> None:
-        """Take a step, or several that are faster together, `most` of them at most."""
+        """Take a step, or several that are faster together, at most `most`."""
         self.step()
 
     def costs(self) -> dict[str, float]:
-        """Counts of the steps so far, and seconds where the name says so."""
+        """Return counts of the steps so far, and seconds under names that say so."""
         return dict(self.counters) | ({} if self.solver is None else self.solver.costs())
 
     def arrays(self) -> dict[str, wp.array]:
-        """The arrays in `memory`, by name."""
+        """Return the arrays in `memory`, by name."""
         return {name: getattr(self, name) for name in self.memory}
 
     def restart_arrays(self) -> dict[str, wp.array]:
-        """The arrays on the device that an exact restart needs, those of the solver included."""
+        """Return the device arrays that an exact restart needs, those of the solver included."""
         return self.arrays() | ({} if self.solver is None else self.solver.arrays())
 
     def numbers(self) -> dict[str, NDArray[Any]]:
-        """Return what an exact restart needs beside `restart_arrays`."""
+        """Return the numbers that an exact restart needs in addition to `restart_arrays`."""
         solver = {} if self.solver is None else self.solver.state_dict()
         return {"origin": np.array(self.origin)} | solver
 
@@ -143,7 +142,7 @@ class Trajectory:
         return restore
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """Copies of all arrays that a bitwise exact restart needs, in the precision of the run.
+        """Return copies of all arrays that a bitwise exact restart needs, in the run's precision.
 
         They are those of the whole mesh, on all ranks that share it.
         """
@@ -153,7 +152,7 @@ class Trajectory:
     def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
         """Resume from the result of `state_dict` after that many steps.
 
-        Raises ConfigError when the arrays are those of another stepper or of another size.
+        Raises ConfigError if the arrays are those of another stepper or of another size.
         """
         mesh, misfit = self.model.device_mesh, f"the restart data do not fit stepper {self.name}"
         for name, array in self.restart_arrays().items():
@@ -169,36 +168,36 @@ class Trajectory:
 class Stepper(Trajectory, ABC):
     """Time integrator of a model with a fixed step dt [s].
 
-    A method defines `advance`, which changes `state` in place, and `growth`, from which its longest
-    stable step follows.  Its `model` has no edge penalty: the `penalty` acts in the middle of
-    cycles of steps.  With `diffusion_apart` the model has no viscosity and no hyperviscosity
-    either: `diffusion` steps them, after even steps and before odd ones, which is Strang's
-    splitting of two steps and of second order.
+    A method defines `advance`, which changes `state` in place, and `growth`, which determines its
+    longest stable step. Its `model` has no edge penalty: the `penalty` acts in the middle of cycles
+    of steps. With `diffusion_apart` the model has no viscosity and no hyperviscosity either:
+    `diffusion` steps them, after even steps and before odd ones, which is Strang's splitting of two
+    steps and of second order.
     """
 
     family: ClassVar[Family] = "explicit"
     estimate_order: ClassVar[int | None] = None
-    """Power of dt that the estimate of its error goes with; None: it has no estimate."""
+    """Power of dt to which the error estimate is proportional; None without an estimate."""
     style: ClassVar[tuple[str, Marker] | None] = None
-    """Colour and marker in pictures; None: whatever is free."""
+    """Colour and marker in pictures; None for any unused one."""
     diffusion_apart: bool = True
     """True if diffusion is applied separately, so that it limits no step."""
     diffusion_steps: ClassVar[int | None] = None
-    """Steps over which `advance` has `diffusion` join its change; None: `step` splits it off."""
+    """Steps over which `advance` includes `diffusion` in its change; None: `step` splits it off."""
     diffusion_order: ClassVar[int] = 2
-    """Order of diffusion by itself; a higher one than that of the splitting gains nothing."""
+    """Order of separate diffusion; one above the order of the splitting gains nothing."""
     levels: ClassVar[tuple[str, ...]] = ()
-    """Names of the arrays in `memory` that are states, the present one first; (): `state` alone."""
+    """Names of states in `memory`, the present one first; empty for `state` alone."""
     holds_damping: ClassVar[bool] = False
-    """True if drag and relaxation are held fixed over a step, which is of first order."""
+    """True if drag and relaxation are held constant over a step, which is of first order."""
     repeats_from: ClassVar[int | None] = None
-    """The step from which on `advance` launches the same kernels on arrays that `swap` exchanges,
-    with no other work, so that it can be recorded; None: never.  A class that defines `advance`
-    does not inherit it."""
+    """Number of the step from which `advance` launches only the same kernels on arrays that `swap`
+    exchanges, so that it can be recorded; None: never.  A class that defines `advance` does not
+    inherit it."""
     at_once: ClassVar[int] = 1
-    """Steps that are launched as a whole on large meshes, see `operators/strips.py`."""
+    """Number of steps launched as a whole on large meshes, see `operators/strips.py`."""
     safety: ClassVar[float] = 0.85
-    """Part of the stability limit that an automatic step uses: winds grow during a run."""
+    """Fraction of the stability limit that an automatic step uses: winds grow during a run."""
     courant: ClassVar[float] = 2.0
     """Advective Courant number of an automatic step without a stability limit."""
     longest: ClassVar[float] = 3600.0
@@ -206,7 +205,7 @@ class Stepper(Trajectory, ABC):
     reach: ClassVar[float] = 20.0
     """Longest step that `stable_dt` considers, times the sum of the spectral radii."""
     default_tolerance: ClassVar[float] = 1e-3
-    """Default of the option `tolerance`, where a method solves equations."""
+    """Default of the option `tolerance` of methods that solve equations."""
     error_constant: ClassVar[float]
     """C in the truncation error C dt^(order + 1) d^(order + 1)x/dt^(order + 1) of a step."""
 
@@ -233,7 +232,7 @@ class Stepper(Trajectory, ABC):
         self.can_give_up |= self.family == "imex" and is_large(model)
         self.diffusion: Diffusion | None = None
         self.penalty: SplitPenalty | None = None
-        self.wind_changed: Callable[[wp.array], None] | None = None  # of the change (2N,)
+        self.wind_changed: Callable[[wp.array], None] | None = None  # called with the change (2N,)
         if self.diffusion_apart and model.diffusive:
             whole = dt * (self.diffusion_steps or 1)
             self.diffusion = Diffusion(model, whole, self.diffusion_order)
@@ -253,7 +252,7 @@ class Stepper(Trajectory, ABC):
             self.begin(self.solver.start(self.state, t, self.dt))
 
     def check_names(self) -> None:
-        """Raise ConfigError where `memory` or `levels` name what is no array."""
+        """Raise ConfigError if a name in `memory` or `levels` is not that of an array."""
         for names in (self.memory, self.levels):
             if not isinstance(names, tuple) or not all(
                 isinstance(getattr(self, str(name), None), wp.array) for name in names
@@ -264,10 +263,10 @@ class Stepper(Trajectory, ABC):
                 )
 
     def allocate(self) -> None:
-        """Make the arrays of a method with a solver, which has its model and solver already."""
+        """Allocate the arrays of a method with a solver, which has its model and solver already."""
 
     def begin(self, slope: wp.array) -> None:
-        """Make the first guesses of a method with a solver from the slope at the start."""
+        """Make the first guesses of a method with a solver from the initial slope."""
 
     def step(self) -> None:
         apart, limiter = self._apart, self.model.limiter
@@ -304,36 +303,36 @@ class Stepper(Trajectory, ABC):
         self.steps += self.at_once
 
     def _advance_all(self, swaps: Iterator[int]) -> None:
-        """Take a step for each of the swaps, which are used up."""
+        """Take a step for each of the swaps, which are consumed."""
         for _ in swaps:
             self.advance()
             self.swap()
 
     @abstractmethod
     def advance(self) -> None:
-        """Move `state` from `time` forward by dt."""
+        """Advance `state` from `time` by dt."""
 
     def swap(self) -> None:
-        """Let arrays exchange their roles after `advance`; launches nothing."""
+        """Exchange the roles of arrays after `advance`; launches nothing."""
 
     @classmethod
     def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
-        """Spectral radii [s-1] of the explicit part of the method, for `stable_dt`."""
+        """Return the spectral radii [s-1] of the explicit part of the method, for `stable_dt`."""
         return model.inviscid.spectrum(state, t)
 
     @classmethod
     def limit(cls, spectrum: Spectrum) -> float:
-        """Largest stable step [s] for the result of `spectrum`."""
+        """Return the largest stable step [s] for the result of `spectrum`."""
         return cls.stable_dt(spectrum.wave, spectrum.dissipation)
 
     @classmethod
     def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
-        """Largest stable step [s] for spectral radii of waves and dissipation [s-1]."""
+        """Return the largest stable step [s] for spectral radii of waves and dissipation [s-1]."""
         return largest_step(cls.growth, wave, dissipation, cls.reach, growth_time=GROWTH_TIME)
 
     @classmethod
     def growth(cls, z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
-        """Largest amplification factors of a step, for eigenvalues times dt of both parts."""
+        """Largest amplification factors of a step for both parts' eigenvalues times dt."""
         raise ConfigError(
             f"stepper {cls.name} defines no `growth(cls, z_wave, z_dissipation)`, from which its"
             " stability limit follows"
@@ -341,7 +340,7 @@ class Stepper(Trajectory, ABC):
 
     @classmethod
     def order_in(cls, model: Model, **options: Any) -> int:
-        """Order of the method for a model, if it is built with those options."""
+        """Return the order of the method for a model, if it is built with those options."""
         if cls.holds_damping and model.inviscid.dissipative:
             return 1
         if model.penalised and cls.diffusion_steps:
@@ -351,7 +350,7 @@ class Stepper(Trajectory, ABC):
         return min(cls.order, cls.diffusion_order) if limited else cls.order
 
     def solver_tolerance(self, tolerance: float | None) -> float:
-        """The tolerance of the solver, or the default of the method."""
+        """Return the given tolerance of the solver, or the default of the method."""
         return self.default_tolerance if tolerance is None else tolerance
 
 
@@ -365,7 +364,7 @@ def read_table(name: str) -> dict[str, Any]:
 
 
 def read_methods(family: type[S]) -> list[type[S]]:
-    """Define the methods of a family in methods.toml, classes with the attributes in a table."""
+    """Define the methods of a family in methods.toml: classes with the attributes in a table."""
     return [
         type(name, (family,), {"__module__": family.__module__, "__doc__": table["doc"].strip()}
              | {key: value for key, value in table.items() if key != "doc"})
@@ -384,10 +383,10 @@ def _constant(value: Any) -> Any:
 
 
 class CheckedReplay(Replay):
-    """A replay whose first repetition of a step is compared with the step itself, bit for bit.
+    """A replay that compares the first repetition of a step with the step itself, bit for bit.
 
-    Work that a step does on the host, and numbers that change from step to step, are not recorded.
-    Raises ConfigError where the repetition differs.
+    Recordings do not contain work on the host, nor numbers that change from step to step. Raises
+    ConfigError if the repetition differs.
     """
 
     def __init__(self, stepper: "Stepper") -> None:

@@ -1,4 +1,4 @@
-"""Tracers on a step of their own: one for several steps of the flow that carries them."""
+"""Separate tracer steps: one for several steps of the flow that carries the tracers."""
 
 import math
 from abc import ABC, abstractmethod
@@ -23,24 +23,24 @@ T = TypeVar("T")
 FLOW = "flow_"
 """Prefix of the names of the arrays that the flow's stepper keeps."""
 PARTS = 2
-"""Parts that a tracer step has at the start, at most; it has more where the wind grows."""
+"""Largest number of initial parts of a tracer step; there are more if the wind grows."""
 MARGIN = 1.1
 """Factor by which the spectral radius may exceed the value expected from the initial state."""
 _REACH = {float(reach): stages for reach, stages in read_table("TracerStages").items()}
-"""Stages by how far they reach: the largest stable tau times the spectral radius of A.
+"""Stages by their reach: the largest stable tau times the spectral radius of A.
 
 They are the f_i in m_i = m_0 + f_i tau A m_(i-1): explicit stages for waves alone, of fourth order,
-and stable for nearly as long as there are any; `benchmarks/tracer_stages.py` derives the numbers.
+with nearly the longest stable steps possible; `benchmarks/tracer_stages.py` derives the numbers.
 """
 LONGEST = max(_REACH)
 MOST_PARTS = 1000
-"""So many even out that a wind has grown beyond all bounds."""
+"""Largest number of parts; more mean that the wind has become unstable."""
 
 
 def stages_for(reach: float) -> tuple[int, tuple[float, ...]]:
-    """Into how many equal parts to divide a step of that reach, and the stages of each.
+    """Return the number of equal parts of a step of that reach, and the stages of each.
 
-    Raises Unstable for so many that no step would ever end, and for a reach that is NaN.
+    Raises Unstable for more than `MOST_PARTS`, and for a reach that is NaN.
     """
     if not reach <= MOST_PARTS * LONGEST:
         raise Unstable(
@@ -48,12 +48,12 @@ def stages_for(reach: float) -> tuple[int, tuple[float, ...]]:
             " solution blows up; take a smaller dt or smaller tracer-steps"
         )
     parts = max(1, math.ceil(reach / LONGEST))
-    # rounded, the product may fall short of what it was divided from
+    # the rounded product may be smaller than the dividend
     return parts, next((f for far, f in _REACH.items() if parts * far >= reach), _REACH[LONGEST])
 
 
 def why_not(model: Model, kind: type[Stepper], adaptive: float | None = None) -> str | None:
-    """Why tracers cannot take steps of their own, if they cannot; adaptive: as in `RunConfig`."""
+    """Return why tracers cannot take separate steps, or None; adaptive: as in `RunConfig`."""
     scene = model.scene
     if adaptive is not None:
         return "steps follow their error"
@@ -69,8 +69,8 @@ def why_not(model: Model, kind: type[Stepper], adaptive: float | None = None) ->
 class TransportRate:
     """Spectral radius [s-1] of tracer transport, from speeds across elements.
 
-    They bound it, and are too large by a part that depends on the flow: Arnoldi iteration finds it
-    at the start of the scene.
+    The speeds bound the radius, but exceed it by a factor that depends on the flow: Arnoldi
+    iteration finds this factor in the initial state of the scene.
     """
 
     def __init__(self, model: Model) -> None:
@@ -94,7 +94,7 @@ class TransportRate:
 
 
 def tracer_limit(model: Model) -> float:
-    """The longest step [s] of tracers in the wind of the start; infinite at rest."""
+    """Return the longest step [s] of tracers in the initial wind; infinite at rest."""
     radius = TransportRate(model).start
     return PARTS * LONGEST / (MARGIN * radius) if radius > 0.0 else math.inf
 
@@ -102,12 +102,12 @@ def tracer_limit(model: Model) -> float:
 class TracerSteps(Trajectory, ABC):
     """Takes `every` steps of `dt` at once, and one step of tracers over all of them.
 
-    Its state is whole, and observed, after those only.  Of second order at the most.  Diffusion of
-    tracers is split off as that of the flow is.
+    Its state is complete, and observed, only after those. The method is of second order at most.
+    Diffusion of tracers is split off as that of the flow is.
     """
 
     def __init__(self, model: Model, kind: type[Stepper], dt: float, every: int) -> None:
-        """kind: class of the stepper whose steps are of dt [s]."""
+        """Create the steps; `kind` is the class of the flow's stepper, with steps of dt [s]."""
         super().__init__(model.inviscid, dt)
         self.name, self.order = kind.name, min(2, kind.order)  # type: ignore[misc]
         self.together, self._length = every, every * dt
@@ -130,10 +130,10 @@ class TracerSteps(Trajectory, ABC):
 
     @abstractmethod
     def _move(self) -> None:
-        """Move `state` from `time` over all steps."""
+        """Advance `state` from `time` over all steps."""
 
     def _finish(self) -> None:
-        """Take wind and depth of the flow's own stepper."""
+        """Copy wind and depth from the flow's own stepper."""
 
     def _carry(self, steps: MassSteps, flow: wp.array, air: wp.array, tau: float) -> None:
         """Carry masses of `state` for tau [s] by a flow, which moves with a speed of flow / air."""
@@ -145,9 +145,9 @@ class TracerSteps(Trajectory, ABC):
 class CarriedTracers(TracerSteps):
     """Tracers carried by the time-averaged mass flux of a stepper on `model.carrier`.
 
-    q = 1 stays 1 and every tracer keeps its mass.  What else changes the depth (the residual of a
-    solver, diffusion in steps of another length) takes tracers along, as in `TracerWaves`.  Raises
-    ConfigError for a stepper that does not tell the states it remembers.
+    q = 1 stays 1 and every tracer keeps its mass. Other changes of the depth (the residual of a
+    solver, diffusion in steps of another length) change tracers in proportion, as in `TracerWaves`.
+    Raises ConfigError for a stepper that does not name the states in its memory.
     """
 
     def __init__(self, model: Model, scheme: Stepper, every: int) -> None:
@@ -184,7 +184,7 @@ class CarriedTracers(TracerSteps):
     def _move(self) -> None:
         launch, scheme, size = self.model.launch, self.scheme, self._flux.size
         now = scheme.state[self._crossed]
-        for name in (scheme.levels or ("state",))[::-1]:  # the present one becomes zero, at last
+        for name in (scheme.levels or ("state",))[::-1]:  # the present one becomes zero last
             past = getattr(scheme, name)[self._crossed]
             launch(self._add, size, past, now, -1.0, past)
         for _ in range(self.together):
@@ -195,7 +195,7 @@ class CarriedTracers(TracerSteps):
         self._carry(self._steps, self._flux, self.state[self._depth], self._length)
 
     def _finish(self) -> None:
-        if self._has_residual:  # tracers follow it, and keep their masses
+        if self._has_residual:  # tracers follow the residual, and keep their masses
             new, before = self.state, self._before
             wp.copy(before, new)
             self._ratio.set(before)
@@ -226,9 +226,9 @@ def _of_flow(values: dict[str, T]) -> dict[str, T]:
 
 
 class CarriedWithDepth(TracerSteps):
-    """Depth and tracers carried by a prescribed wind, held in each of the pieces of one long step.
+    """Depth and tracers carried by a prescribed wind, held constant in each piece of a long step.
 
-    There is no flow then whose own steps would have to be shorter.
+    No separate flow then requires shorter steps.
     """
 
     def __init__(self, model: Model, kind: type[Stepper], dt: float, every: int) -> None:

@@ -1,4 +1,4 @@
-"""Preconditioners by name, all behind one small interface; each registers itself."""
+"""Preconditioners by name, all with one small interface; each class registers itself."""
 
 import importlib
 import pkgutil
@@ -20,10 +20,10 @@ for _module in pkgutil.iter_modules(__path__, f"{__name__}."):
 def make_preconditioner(
     which: str | Path | type[Preconditioner], model: Model
 ) -> Preconditioner | None:
-    """The preconditioner of that name, in that Python file or of that class; None for "none".
+    """Return the preconditioner of that name, file or class; None for "none".
 
-    A scene with prescribed wind has no gravity waves and gets none.  Raises ConfigError where there
-    is none, or not one in the file; see `Registry.find`.
+    A scene with prescribed wind has no gravity waves and gets None. Raises ConfigError if there is
+    no such preconditioner, or not exactly one in the file; see `Registry.find`.
     """
     kind = PRECONDITIONERS.find(which)
     if kind is Unpreconditioned or model.scene.wind is not None:

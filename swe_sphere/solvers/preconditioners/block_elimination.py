@@ -20,14 +20,15 @@ from swe_sphere.solvers.vector_space import VectorSpace
 
 
 class BlockElimination(KeptSetup):
-    """(I - tau L)^-1 with gravity waves about the current depth, advection left out.
+    """(I - tau L)^-1 with gravity waves about the current depth, without advection.
 
-    It eliminates the wind, see `SchurOperator`; a subclass inverts the Schur complement S, about,
-    by `invert` and `solve`, with S as `operator` on the device and as `matrix` on the host.
+    It eliminates the wind, see `SchurOperator`; a subclass inverts the Schur complement S
+    approximately, by `invert` and `solve`, with S as `operator` on the device and as `matrix` on
+    the host.
     """
 
     real: ClassVar[Any] = wp.float32
-    """Number type of all vectors inside: a preconditioner needs no more."""
+    """Number type of all internal vectors: a preconditioner needs no more."""
     launches: ClassVar[bool] = False
     """True if `solve` only launches kernels, so that it can be recorded."""
 
@@ -51,7 +52,7 @@ class BlockElimination(KeptSetup):
 
     @abstractmethod
     def solve(self, b: Field, x: Field) -> None:
-        """Write S^-1 b to x, about; b may be overwritten."""
+        """Write an approximation of S^-1 b to x; b may be overwritten."""
 
     def _is_near(self, flow: wp.array) -> bool:
         self._compare(flow, 0, self._then, self._nearness)
@@ -64,7 +65,7 @@ class BlockElimination(KeptSetup):
         self._replay = Replay(self.operator.launch)
 
     def apply(self, r: wp.array, out: wp.array) -> None:
-        """out near (I - tau J)^-1 r, both (3N,)."""
+        """Set out to about (I - tau J)^-1 r, both (3N,)."""
         if not self.launches:
             self._eliminate(r, out)
         elif not self._replay.launch(key := (r.ptr, out.ptr)):
@@ -91,7 +92,7 @@ class Helmholtz(BlockElimination):
         self._multilevel.setup(tau, depth)
 
     def solve(self, b: Field, x: Field) -> None:
-        """x near S^-1 b; b is overwritten."""
+        """Set x to about S^-1 b; b is overwritten."""
         self._multilevel.solve(b, x)
 
 
@@ -102,7 +103,7 @@ class DirectElimination(BlockElimination):
 
     @classmethod
     def memory_of_factors(cls, nodes: int, np: int) -> float:
-        """Memory [bytes] of the factors for a mesh of so many nodes, about."""
+        """Return the approximate memory [bytes] of the factors for a mesh of `nodes` nodes."""
         return 12.0 * 2.2 * (np - 1) * nodes * math.sqrt(nodes)
 
     def invert(self, tau: float, depth: Array) -> None:
@@ -112,5 +113,5 @@ class DirectElimination(BlockElimination):
         )
 
     def solve(self, b: Field, x: Field) -> None:
-        """x = S^-1 b."""
+        """Set x = S^-1 b."""
         self.operator.put(self._factors.solve(self.operator.fetch(b)), x)

@@ -1,4 +1,4 @@
-"""Fourth-kind Chebyshev smoothing, which needs a bound on the largest eigenvalue alone."""
+"""Fourth-kind Chebyshev smoothing, which requires only a bound on the largest eigenvalue."""
 
 from collections.abc import Callable
 
@@ -25,12 +25,12 @@ OPTIMAL = {
 }
 """Weights beta_k by degree (Lottes 2023, doi:10.1002/nla.2518, table 1)."""
 KRYLOV_SIZE = 20
-"""Products after which the largest eigenvalue is known to less than a per cent: a power iteration
-needs more than forty."""
+"""Number of products for the largest eigenvalue to less than a per cent; a power iteration needs
+more than forty."""
 
 
 def chebyshev_coefficients(degree: int, largest: float) -> list[tuple[float, float, float]]:
-    """(keep, take, beta) of each step d = keep d + take D^-1 r, x += beta d, before r -= S d.
+    """Return (keep, take, beta) of the steps d = keep d + take D^-1 r, x += beta d, then r -= S d.
 
     `largest` bounds the spectrum of D^-1 S (Lottes 2023, algorithm 4.1); degree 1 to 6.
     """
@@ -43,7 +43,7 @@ def chebyshev_coefficients(degree: int, largest: float) -> list[tuple[float, flo
 
 
 def largest_eigenvalue(operator: SchurOperator, inverse: Array) -> float:
-    """Bound on the spectrum of S, as the operator has it, over its diagonal (N,) inverted."""
+    """Return a bound on the spectrum of the operator's S times `inverse` (N,), its diagonal's."""
     x, image = operator.field(), operator.field()
 
     def product(values: Array) -> Array:
@@ -55,7 +55,7 @@ def largest_eigenvalue(operator: SchurOperator, inverse: Array) -> float:
 
 
 def spectral_bound(product: Callable[[Array], Array], size: int) -> float:
-    """Bound, 5 % in reserve, on the spectrum of an operator (size, size), by Arnoldi's method."""
+    """Return a bound, with 5 % reserve, on the spectrum of an operator (size, size) by Arnoldi."""
     if size <= KRYLOV_SIZE:
         columns = [product(column) for column in np.eye(size)]
         found = np.linalg.eigvals(np.array(columns)) if size else np.ones(1)

@@ -1,4 +1,4 @@
-"""Coarse correction on the element vertices: one solve for each family of waves, added up."""
+"""Coarse correction on the element vertices: the sum of one solve for each family of waves."""
 
 from __future__ import annotations  # scipy.sparse is loaded where it is used
 
@@ -24,20 +24,20 @@ from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces
 Step = tuple[float, float, float]
 
 SWEEPS = 6
-"""Chebyshev steps on the coarse functions.  Days into a run the computational modes limit the
-convergence: with three steps it takes half as many iterations again."""
+"""Number of Chebyshev steps on the coarse functions.  After some days of a run the computational
+modes limit the convergence: three steps need half as many iterations again."""
 NEGLIGIBLE = 0.02
-"""Couplings of computational modes that are left out, relative to the diagonal."""
+"""Size of omitted couplings of computational modes, relative to the diagonal."""
 SPACING = 12
-"""Cells of the smooth functions along an element of the coarsest mesh, which has three nodes."""
+"""Number of cells of smooth functions along an element of the coarsest mesh (three nodes)."""
 
 
 class CoarseCorrection:
     """x += sum over the spaces of P_k S_k^-1 P_k^T M b, all inverses by Chebyshev steps.
 
     The smooth waves have the compact Helmholtz operator, the computational modes the Galerkin
-    operators of S.  Of the smooth waves the longest are solved for exactly before, on a mesh so
-    coarse that a dense inverse will do; with `symmetric` once more behind.
+    operators of S. The longest smooth waves are first solved for exactly, on a mesh so coarse that
+    a dense inverse suffices; with `symmetric` once more at the end.
     """
 
     def __init__(
@@ -75,14 +75,14 @@ class CoarseCorrection:
                 operator.mesh.share(each.flat, *ring)
 
     def setup(self, tau: float, depth: Array) -> None:
-        """Coarse operators for the implicit step tau [s] and the depth (N,) [m]."""
+        """Build the coarse operators for the implicit step tau [s] and the depth (N,) [m]."""
         schur, longest = self._schur, self._longest
         compact = sparse.stiffness(schur.mesh, schur.weight(tau, depth), self._hats)
         smooth = self._mass + tau**2 * schur.gravity * compact
         blocks = [schur.galerkin(mass, slopes, tau, depth) for mass, slopes in self._modes]
         modes = _without_small(scipy.sparse.block_diag(blocks, format="coo"))
         matrix = scipy.sparse.block_diag([smooth, modes], format="csr", dtype=np.float32)
-        del compact, blocks, modes  # most memory of a run is taken here
+        del compact, blocks, modes  # the memory use of a run peaks here
         inverse = 1.0 / matrix.diagonal()
         largest = spectral_bound(lambda x: inverse * (matrix @ x), inverse.size)
         self._coefficients = chebyshev_coefficients(SWEEPS, largest)
@@ -122,12 +122,12 @@ class CoarseCorrection:
     def _sweep(
         self, product: SlicedMatrix, coefficients: Step, d: Field, new: Field, before: Field
     ) -> None:
-        """The coefficients of all functions, from those before, after a Chebyshev step."""
+        """Update the coefficients of all functions by a Chebyshev step from `before`."""
         per_diagonal = self._per_diagonal.values
         product.sweep(coefficients, per_diagonal, self._r, (d, new), before, self._found)
 
     def _solve_longest(self, out: Field, add: bool) -> None:
-        """out = P A^-1 P^T r for the longest waves, or that added to it."""
+        """Set out = P A^-1 P^T r for the longest waves, or add it to out."""
         once, twice = self._few
         if self._smooth_r is not self._r:
             self._join()
@@ -137,9 +137,9 @@ class CoarseCorrection:
 
 
 def longest_waves(mesh: Mesh, smooth: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
-    """(V, m) values of the nodal functions of a coarse mesh at the vertices of smooth functions.
+    """Return values (V, m) of a coarse mesh's nodal functions at the vertices of smooth functions.
 
-    smooth: (N, V) their nodal values, 1 at the own vertex.
+    smooth: (N, V) nodal values of the smooth functions, each 1 at its own vertex.
     """
     per_edge = np.sqrt((smooth.shape[1] - 2) / 6.0)
     ne = max(1, round(per_edge / SPACING))
@@ -149,21 +149,21 @@ def longest_waves(mesh: Mesh, smooth: scipy.sparse.csr_array) -> scipy.sparse.cs
 
 
 def _filled(matrix: scipy.sparse.csr_array, shape: tuple[int, int]) -> scipy.sparse.csr_array:
-    """The matrix with empty rows and columns behind."""
+    """Return the matrix with empty rows and columns appended."""
     wider = scipy.sparse.csr_array(matrix, copy=True)
     wider.resize(shape)
     return wider
 
 
 def _reach(smooth: ElementSpace, slopes: list[Any]) -> scipy.sparse.csr_array:
-    """Smooth functions meet in an element, others where both have a slope."""
+    """Coupling: smooth functions meet in an element, others if both have slopes there."""
     element, function = np.indices(smooth.numbers.shape)[0].ravel(), smooth.numbers.ravel()
     of_elements = scipy.sparse.csr_array((np.ones(element.size), (element, function)))
     return scipy.sparse.block_diag([of_elements, *slopes], format="csr")
 
 
 def _without_small(matrix: scipy.sparse.coo_array) -> scipy.sparse.csr_array:
-    """The matrix without entries that are NEGLIGIBLE beside the diagonal."""
+    """Return the matrix without entries that are NEGLIGIBLE relative to the diagonal."""
     scale = np.sqrt(matrix.diagonal())
     kept = np.abs(matrix.data) > NEGLIGIBLE * scale[matrix.row] * scale[matrix.col]
     entries = matrix.data[kept], (matrix.row[kept], matrix.col[kept])

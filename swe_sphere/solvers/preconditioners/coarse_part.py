@@ -1,6 +1,6 @@
-"""The coarse functions that a rank works on, those of its elements, and a ring of others around.
+"""The coarse functions of a rank, those of its elements, and a ring of others around.
 
-A sweep takes values in the ring from other ranks: they tell them after every sweep.
+Ranks exchange the values in the ring after every sweep.
 """
 
 from __future__ import annotations  # scipy.sparse is loaded where it is used
@@ -21,11 +21,11 @@ from swe_sphere.operators.sparse import ElementSpace
 
 Integers = NDArray[np.integer]
 MOST = 2 * CONTRIBUTORS
-"""Elements that have a part in a function, with those that have two: six at a cube's corner."""
+"""Largest number of contributions to a function: six at a cube's corner."""
 
 
 class CoarsePart:
-    """Functions and elements of this rank; a process alone has all.
+    """Functions and elements of this rank; a single process has all.
 
     It transfers between fields and coefficients of these functions.
     """
@@ -33,7 +33,7 @@ class CoarsePart:
     def __init__(
         self, operator: SchurOperator, spaces: list[ElementSpace], reach: scipy.sparse.csr_array
     ) -> None:
-        """reach: (m, V), each row of which has entries for functions that see each other."""
+        """Find the functions of this rank; a row of `reach` (m, V) lists functions that couple."""
         mesh, launch = operator.mesh, operator.launch
         self._mesh, self._launch, self._here = mesh, launch, mesh.part.elements
         self._numbers = _numbers(spaces)
@@ -74,7 +74,7 @@ class CoarsePart:
         ]
 
     def restrict(self, b: Field, out: Field) -> None:
-        """Integrals of b times each function [m2]."""
+        """Set out to the integrals of b times each function [m2]."""
         launch = self._launch
         inputs = self._values, self._mass, b.values, self._local
         launch(self._restrict, self._dims[0], 0, *inputs, cuts=self._mesh.cuts)
@@ -90,11 +90,11 @@ class CoarsePart:
         )  # fmt: skip
 
     def rows(self, matrix: Any) -> scipy.sparse.csr_array:
-        """Rows of its functions."""
+        """Return the rows of this rank's functions."""
         return scipy.sparse.csr_array(matrix)[self.functions]
 
     def square(self, matrix: Any) -> scipy.sparse.csr_array:
-        """Rows and columns of its functions, without entries in the rows of the ring."""
+        """Return rows and columns of this rank's functions, without entries in rows of the ring."""
         kept = scipy.sparse.diags_array(self._is_mine()[self.functions].astype(matrix.dtype))
         square: scipy.sparse.csr_array = (kept @ self.rows(matrix)[:, self.functions]).tocsr()
         square.eliminate_zeros()
@@ -105,7 +105,7 @@ class CoarsePart:
         return np.searchsorted(self.functions, functions)
 
     def owned(self, functions: Integers) -> Integers:
-        """Return the functions among some (V',) of which this rank holds the first element."""
+        """Return those of `functions` (V',) whose first element belongs to this rank."""
         mine: Integers = functions[self._owner_of(functions) == self._mesh.comm.rank]
         return mine
 
@@ -115,7 +115,7 @@ class CoarsePart:
         return owner
 
     def ring(self) -> tuple[dict[int, Integers], dict[int, Integers]]:
-        """Places of its functions that others have in their rings, and of its ring, by rank."""
+        """Return indices of functions in the rings of other ranks, and of its own ring, by rank."""
         comm, ring = self._mesh.comm, np.setdiff1d(self.functions, self._mine)
         owner = self._owner_of(ring)
         wanted = {r: ring[owner == r] for r in np.unique(owner).tolist()}
@@ -124,7 +124,7 @@ class CoarsePart:
         return sends, {r: self.here(functions) for r, functions in wanted.items()}
 
     def _places(self) -> Integers:
-        """(E, k) of integrals: as (groups, k, lanes), and behind these the elements of others."""
+        """Return offsets (E, k) of integrals in (groups, k, lanes), other ranks' behind these."""
         lanes, k = self._mesh.lanes, self._numbers.shape[1]
         group, lane = np.divmod(np.arange(self._here.size), lanes)
         places = np.full(self._numbers.shape, -1)
@@ -135,9 +135,9 @@ class CoarsePart:
         return places
 
     def _contributing(self, places: Integers, size: int) -> NDArray[np.int32]:
-        """(n, MOST) places of what adds up to each function, in an order of the whole mesh.
+        """Return offsets (n, MOST) of the contributions to each function, in the mesh's order.
 
-        -1 for what is not there, and in the ring; the fourth of three stands behind all `size`.
+        A missing contribution is -1, as in the ring; the fourth of three points past all `size`.
         """
         element, slot = np.nonzero(self._is_mine()[self._numbers])
         row = self.here(self._numbers[element, slot])
@@ -157,7 +157,7 @@ class CoarsePart:
 
 
 def _numbers(spaces: list[ElementSpace]) -> Integers:
-    """(E, k) of the functions on each element, those of the spaces one after the other."""
+    """Return numbers (E, k) of the functions on each element, one space after the other."""
     starts = np.cumsum([0, *(int(space.numbers.max()) + 1 for space in spaces)])
     smooth, both, one, other = (
         np.where(space.numbers < 0, 0, space.numbers + start)

@@ -1,12 +1,12 @@
 """Coarse spaces for the smooth and for the spurious waves of collocated spectral elements.
 
-Along a line of elements the DSS'd gradient is zero not only for constants: the polynomial P_{np-1}
-has no slope at the interior GLL nodes, and opposite slopes on the two sides of an element boundary
-when its sign alternates from element to element, which average to zero.  Times a slowly varying
-envelope these patterns are slow waves too, however fine the mesh: no smoother damps them and no
-compact Laplacian knows them.  So beside the bilinear hats for the smooth waves there is a coarse
-function hat x pattern along each of the two directions, and one along both: four spaces, nearly
-orthogonal to each other.
+Along a line of elements the assembled gradient is zero not only for constants: the polynomial
+P_{np-1} has no slope at the interior GLL nodes, and opposite slopes on the two sides of an element
+boundary when its sign alternates from element to element, which average to zero. Times a slowly
+varying envelope these patterns are slow waves too, however fine the mesh: no smoother damps them
+and compact Laplacians do not contain them. In addition to the bilinear hats for the smooth waves
+there is therefore a coarse function hat x pattern along each of the two directions, and one along
+both: four spaces, nearly orthogonal to each other.
 """
 
 from __future__ import annotations  # scipy.sparse is loaded where it is used
@@ -26,11 +26,11 @@ CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 
 def coarse_spaces(mesh: Mesh) -> list[ElementSpace]:
-    """Functions of V = 6 ne^2 + 2 vertices: smooth, both patterns, each pattern.
+    """Return functions of V = 6 ne^2 + 2 vertices: smooth, both patterns, each pattern.
 
-    The two directions are paired across element boundaries around each vertex.  At the eight cube
-    corners, where three elements meet, they cannot be told apart: there the third space takes both
-    and the fourth has no function (V - 8 in all).
+    The two directions are paired across element boundaries around each vertex. At the eight cube
+    corners, where three elements meet, they cannot be distinguished: there the third space contains
+    both and the fourth has no function (V - 8 in all).
     """
     ends = np.array(CORNERS) * (mesh.np - 1)
     _, number = np.unique(mesh.nodes[:, ends[:, 0], ends[:, 1]], return_inverse=True)
@@ -51,12 +51,12 @@ def coarse_spaces(mesh: Mesh) -> list[ElementSpace]:
 
 
 def smooth_functions(mesh: Mesh) -> ElementSpace:
-    """Bilinear hats for the smooth waves on the cells between about every third GLL node.
+    """Return bilinear hats for the smooth waves on the cells between about every third GLL node.
 
-    One hat an element would leave too much to the smoother where an edge has more than four nodes.
+    One hat per element would burden the smoother too much if an edge has more than four nodes.
     """
     cells = -(-(mesh.np - 1) // 3)
-    cells += mesh.np % 2 == 0 and cells % 2 == 0  # there is no middle node to part them at
+    cells += mesh.np % 2 == 0 and cells % 2 == 0  # there is no middle node to separate them
     targets = np.linspace(-1.0, 1.0, cells + 1)
     kept = np.abs(mesh.gll_points[:, None] - targets).argmin(axis=0)
     kept[cells // 2 + 1 :] = mesh.np - 1 - kept[: cells - cells // 2][::-1]
@@ -71,18 +71,18 @@ def smooth_functions(mesh: Mesh) -> ElementSpace:
 
 
 def _products(along_1: Array, along_2: Array) -> Array:
-    """(np*np, 4) products of two functions of the distance from each corner."""
+    """Return the products (np*np, 4) of two functions of the distance from each corner."""
     sides = [np.outer(along_1[:: 1 - 2 * p], along_2[:: 1 - 2 * q]).ravel() for p, q in CORNERS]
     return np.stack(sides, axis=1)
 
 
 def _turned(vertices: Int) -> NDArray[np.bool_]:
-    """(E, 4) whether direction 1 of the element is the second direction of its corner's vertex.
+    """Return (E, 4) flags: direction 1 of the element is the second one of its corner's vertex.
 
-    The first direction of a vertex is direction 1 of the first element there.  Around a vertex of
-    four elements the directions of the edges alternate, so which of the two comes first
-    anticlockwise changes from an element to its neighbour; neighbours share an edge, that is its
-    far end.  All elements are right-handed: at a corner with equal ends direction 1 comes first.
+    The first direction of a vertex is direction 1 of the first element there. Around a vertex of
+    four elements the directions of the edges alternate, so the anticlockwise order of the two
+    changes from an element to its neighbour; neighbours share an edge, given by its far end. All
+    elements are right-handed: at a corner with equal ends direction 1 comes first.
     """
     far_1, far_2 = vertices[:, [2, 3, 0, 1]].ravel(), vertices[:, [1, 0, 3, 2]].ravel()
     _, first, inverse = np.unique(vertices.ravel(), return_index=True, return_inverse=True)
@@ -97,9 +97,9 @@ def _turned(vertices: Int) -> NDArray[np.bool_]:
 
 
 def interpolation(mesh: Mesh, space: ElementSpace) -> scipy.sparse.csr_matrix:
-    """(N, V) nodal values of the functions.
+    """Return the nodal values (N, V) of the functions.
 
-    A node on an element boundary is met once from each side, with the same value.
+    Both elements at a boundary node give it the same value.
     """
     rows = mesh.nodes.reshape(mesh.elements, -1)
     total = space.matrix(rows, space.values).tocsr()

@@ -13,15 +13,15 @@ from swe_sphere.operators.sparse import Probing
 from swe_sphere.solvers.preconditioners.preconditioner import DEPTH_CHANGE, KeptSetup
 
 COURANT_CHANGE = 2.0
-"""Change of wind, as an advective Courant number of tau, from which new factors pay."""
+"""Change of wind, as an advective Courant number of tau, above which new factors pay off."""
 FIELDS = 3
 
 
 class JacobianDirect(KeptSetup):
     """(I - tau J)^-1 by sparse LU on the host, in float32, J without viscosity.
 
-    J is found by probing, with every effect that couples nodes of one element alone.  Its products
-    are nearly skew in the energy norm, so that I - tau J needs no pivots, and nodes in the order of
+    Probing finds J, with every effect that couples only nodes of one element. Its products are
+    nearly skew in the energy norm, so that I - tau J needs no pivots, and nodes in the order of
     nested dissection keep the factors small.
     """
 
@@ -38,7 +38,7 @@ class JacobianDirect(KeptSetup):
 
     @classmethod
     def memory_of_factors(cls, nodes: int, np: int) -> float:
-        """Memory [bytes] of the factors for a mesh of so many nodes: measured, rather too much."""
+        """Return a measured upper estimate of the factors' memory [bytes] for `nodes` nodes."""
         return (330.0 * math.log2(nodes) + 1900.0 * np) * nodes
 
     def _is_near(self, flow: wp.array) -> bool:
@@ -66,18 +66,18 @@ class JacobianDirect(KeptSetup):
         return self._collected(self._image)
 
     def apply(self, r: wp.array, out: wp.array) -> None:
-        """out near (I - tau J)^-1 r, both states."""
+        """Set out to about (I - tau J)^-1 r, both states."""
         fluid = self._collected(r)
         solution = np.empty_like(fluid)
         solution[self._order] = self._factors.solve(fluid[self._order].astype(np.float32))
         self._place(solution, out)
 
     def _collected(self, state: wp.array) -> Array:
-        """Wind and depth (3N,) of the whole mesh."""
+        """Return wind and depth (3N,) of the whole mesh."""
         fluid: Array = self._model.device_mesh.collect(state[: self._model.fluid_size])
         return fluid
 
     def _place(self, fluid: Array, state: wp.array) -> None:
-        """Put them in front of a state."""
+        """Store wind and depth at the front of a state."""
         mesh = self._model.device_mesh
         mesh.write(mesh.restrict(fluid), state)

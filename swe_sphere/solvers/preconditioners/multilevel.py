@@ -13,25 +13,25 @@ from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients,
 from swe_sphere.solvers.preconditioners.coarse import CoarseCorrection
 
 LONG = 10.0
-"""Gravity-wave Courant number (root of the largest diagonal entry of S) from which one more
-Chebyshev step after the last correction pays, and without `symmetric` a second cycle."""
+"""Gravity-wave Courant number (root of the largest diagonal entry of S) above which one more
+Chebyshev step after the last correction pays off and, without `symmetric`, a second cycle."""
 COURANT_A_CYCLE = 20.0
 MOST_CYCLES = 4
-"""Gravity-wave Courant numbers for each of which one more cycle pays.  Below the first, the second
-cycle has one step less before it."""
+"""Gravity-wave Courant numbers, each of which adds a cycle.  Below the first one, the second cycle
+has one step less before it."""
 DEGREES = {3: 3, 4: 2}
-"""Chebyshev steps by np, where not 4.  At np 3 all waves share their shortest wave, whose nodal
-values are 1, 0, -1, 0: the coarse correction overshoots it, and two steps leave as much of it as
-there was, so that the cycle is singular from some mesh on."""
+"""Number of Chebyshev steps by np, otherwise 4.  At np 3 all waves share their shortest wave, whose
+nodal values are 1, 0, -1, 0: the coarse correction overshoots it, and two steps do not reduce it,
+so that the cycle is singular from some mesh size on."""
 
 
 def schur_operator(
     model: Model, coriolis: Array, real: Any, outer: Any, damping: Rate | None = None
 ) -> SchurOperator:
-    """S of a model with that Coriolis parameter (N,) [s-1], in one number type inside.
+    """Return S of a model with that Coriolis parameter (N,) [s-1], in the number type `real`.
 
-    outer: number type of the states that it eliminates from and substitutes into; damping: of wind
-    and depth by wavenumber, if any.
+    outer: number type of the states that it eliminates from and substitutes into; damping: rate of
+    wind and depth by wavenumber, if any.
     """
     mesh = model.device_mesh.like(real, model.shape)
     return SchurOperator(mesh, model.launch, model.scene.planet.gravity, coriolis, outer, damping)
@@ -40,8 +40,8 @@ def schur_operator(
 class Multilevel:
     """Cycles of a coarse correction, of smooth waves and computational modes, and Chebyshev steps.
 
-    At large gravity-wave Courant numbers a Chebyshev step and more cycles are added.  With
-    `symmetric`, as many steps go before each correction, as conjugate gradients need.
+    Large gravity-wave Courant numbers add a Chebyshev step and more cycles. With `symmetric`, as
+    many steps precede each correction, as conjugate gradients need.
     """
 
     def __init__(self, operator: SchurOperator, symmetric: bool = False) -> None:
@@ -66,7 +66,7 @@ class Multilevel:
         self._cycles = min(cycles, MOST_CYCLES)
 
     def solve(self, b: Field, x: Field) -> None:
-        """x near S^-1 b; b is overwritten."""
+        """Set x to about S^-1 b; b is overwritten."""
         rest, between = self._rest, self._between
         for cycle in range(self._cycles):
             if cycle > 0 or self._symmetric:

@@ -19,20 +19,20 @@ PRECONDITIONERS: "Registry[Preconditioner]" = Registry("preconditioner")
 """All preconditioners by name; a class with a `name` is entered where it is defined."""
 
 LARGEST_MEMORY = 4e9
-"""Memory [bytes] that a factorisation or patch inverses may take."""
+"""Largest memory [bytes] of a factorisation or of patch inverses."""
 STEP_CHANGE = 0.1
 DEPTH_CHANGE = 0.1
-"""Relative changes of tau and of depth anywhere from which a new set-up pays."""
+"""Relative change of tau, or of depth anywhere, above which a new set-up pays off."""
 
 
 class Preconditioner(ABC):
     """Approximate inverse of I - tau J, J the Jacobian of the right-hand side.
 
-    A subclass has `setup` and `apply` for wind and depth.  Tracers follow them, if `ratio` holds
-    their mixing ratios: z_hq = r_hq + q (z_h - r_h).  That is block elimination with the gravity
-    waves of the depth, -div(hq V) being q times -div(h V) but for the gradient of q, which is
-    advection and left out here as it is for the depth.  A constant q gives z_hq = q z_h for
-    r_hq = q r_h, and so for every Krylov vector: it stays constant to round-off, whatever the
+    A subclass implements `setup` and `apply` for wind and depth. Tracers follow these, if `ratio`
+    holds their mixing ratios: z_hq = r_hq + q (z_h - r_h). This is block elimination with the
+    gravity waves of the depth, because -div(hq V) is q times -div(h V) apart from the gradient of
+    q, which is advection and omitted here as it is for the depth. A constant q gives z_hq = q z_h
+    for r_hq = q r_h, and so for every Krylov vector: it stays constant to round-off, whatever the
     tolerance of the solver.
     """
 
@@ -42,7 +42,7 @@ class Preconditioner(ABC):
     setups, applications, setup_seconds = 0, 0, 0.0
     """Set-ups and applications so far, and wall time of the former [s]."""
     ratio: MixingRatio | None = None
-    """Mixing ratios of the tracers of a state; None where there are none."""
+    """Mixing ratios of the tracers of a state; None without tracers."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -51,16 +51,16 @@ class Preconditioner(ABC):
 
     @classmethod
     def memory_of_factors(cls, nodes: int, np: int) -> float:
-        """Memory [bytes] of the factors or inverses for a mesh of so many nodes, about."""
+        """Return the approximate memory [bytes] of factors or inverses for `nodes` nodes."""
         return 0.0
 
     @abstractmethod
     def setup(self, state: wp.array, tau: float) -> None:
-        """Prepare for the implicit step tau [s] at a state; cheap when little has changed."""
+        """Prepare for the implicit step tau [s] at a state; inexpensive when little has changed."""
 
     @abstractmethod
     def apply(self, r: wp.array, out: wp.array) -> None:
-        """out near (I - tau J)^-1 r, both states."""
+        """Set out to about (I - tau J)^-1 r, both states."""
 
     def update(self, state: wp.array, tau: float) -> None:
         """Prepare for the implicit step tau [s] at a state, tracers included."""
@@ -69,7 +69,7 @@ class Preconditioner(ABC):
             self.ratio.set(state)
 
     def __call__(self, r: wp.array, out: wp.array) -> None:
-        """Write (I - tau J)^-1 r to `out`, about, both states, tracers included."""
+        """Write about (I - tau J)^-1 r to `out`, both states, tracers included."""
         self.applications += 1
         self.apply(r, out)
         if self.ratio is not None:
@@ -88,7 +88,7 @@ class Preconditioner(ABC):
         return {}
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:  # noqa: B027 (optional)
-        """Make that set-up again; where `state` tells of none, be as new."""
+        """Repeat that set-up; if `state` contains none, return to the initial condition."""
 
 
 class Unpreconditioned(Preconditioner):
@@ -97,18 +97,18 @@ class Unpreconditioned(Preconditioner):
     name = "none"
 
     def setup(self, state: wp.array, tau: float) -> None:
-        """Nothing to prepare."""
+        """Do nothing."""
 
     def apply(self, r: wp.array, out: wp.array) -> None:
-        """out = r."""
+        """Set out = r."""
         wp.copy(out, r)
 
 
 class KeptSetup(Preconditioner):
-    """A preconditioner that is set up again when the step or the flow has changed by much.
+    """A preconditioner that is set up again when the step or the flow has changed significantly.
 
-    It depends on the blocks (N,) of wind and depth from number `first` on.  Raises ConfigError
-    where its factors would take more memory than they may.
+    It depends on the blocks (N,) of wind and depth from number `first` on. Raises ConfigError if
+    its factors would exceed `LARGEST_MEMORY`.
     """
 
     first: ClassVar[int] = 0
@@ -124,18 +124,18 @@ class KeptSetup(Preconditioner):
         self._tau, self._flow = 0.0, np.zeros(0)
 
     def setup(self, state: wp.array, tau: float) -> None:
-        """Prepare for the implicit step tau [s] at a state; nothing to do if little has changed."""
+        """Prepare for the implicit step tau [s] at a state; no work if little has changed."""
         mesh = self._model.device_mesh
         flow = state[self.first * mesh.size : self._model.fluid_size]
         if abs(tau - self._tau) > STEP_CHANGE * tau or not self._is_near(flow):
             self._make(tau, mesh.collect(flow).astype(np.float64))
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """Step and flow that the set-up in use was made for."""
+        """Return the step and flow of the set-up in use."""
         return {"setup_tau": np.array(self._tau), "setup_flow": self._flow.copy()}
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Make that set-up again; where there was none, forget the present one."""
+        """Repeat that set-up; without one, drop the present one."""
         self._tau = float(state.get("setup_tau", np.zeros(())))
         if self._tau > 0.0:
             self._make(self._tau, np.array(state["setup_flow"]))
