@@ -1,7 +1,7 @@
 """Spectral-element shallow-water model on the cubed sphere.
 
 `Simulation` runs a scene, `sweep` compares steppers, `open_run` reads the file of a run; custom
-scenes, effects, steppers and preconditioners derive from the classes here.  Every name is imported
+scenes, effects, steppers and preconditioners derive from the classes here. Every name is imported
 when it is first used, so that `import swe_sphere` is fast.
 """
 

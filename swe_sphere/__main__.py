@@ -1,4 +1,4 @@
-"""`python -m swe_sphere` is `swe-sphere`."""
+"""Entry point of `python -m swe_sphere`, which runs `swe-sphere`."""
 
 from swe_sphere.cli import main
 

@@ -1,4 +1,4 @@
-"""Report that kernels are being compiled, once that has taken a while."""
+"""Notice that kernels are being compiled, printed once that has taken a while."""
 
 import functools
 import multiprocessing
@@ -35,12 +35,12 @@ def _tell_session() -> None:
 _taken = 0.0
 """Seconds that blocks of `compiling` have taken."""
 _report: Callable[[], None] = _tell_session
-"""Called after `PATIENCE` seconds; only its first call does anything."""
+"""Function called after `PATIENCE` seconds; only its first call has an effect."""
 
 
 @contextmanager
 def on_compile(call: Callable[[], None]) -> Iterator[None]:
-    """Within the block, call a function once, from another thread, if compiling takes long."""
+    """Call a function once, from another thread, if compiling in the block takes long."""
     global _report, _taken
     before, _report, _taken = (_report, _taken), functools.cache(call), 0.0
     try:

@@ -6,11 +6,11 @@ from collections.abc import Iterable
 
 
 class SweError(Exception):
-    """An error whose message is one clear line saying what to change."""
+    """An error whose message is one clear line that states what to change."""
 
     exit_status = 1
     status = "failed"
-    """How a run that it ended is said to have ended, in one word."""
+    """Status of a run that ended with this error, in one word."""
 
 
 class ConfigError(SweError):
@@ -25,40 +25,40 @@ class RunFailed(SweError):
 
 
 class Unstable(RunFailed):
-    """The solution makes no sense any more (NaN, negative depth, runaway energy)."""
+    """The solution became unstable (NaN, negative depth, runaway energy)."""
 
     status = "unstable"
 
 
 class SolverFailed(RunFailed):
-    """The equations of a step cannot be solved, in its smallest part or at all."""
+    """The equations of a step cannot be solved, even in the smallest sub-steps."""
 
     status = "solver-failed"
 
 
 class TimedOut(RunFailed):
-    """The time that the user gave the run is used up; its state is sound."""
+    """The time limit of the run has passed; its state is sound."""
 
     status = "timed-out"
 
 
 def in_one_line(text: object) -> str:
-    """The text without line breaks."""
+    """Return the text without line breaks."""
     return " ".join(str(text).split())
 
 
 def shown(value: object) -> str:
-    """The value as an error message shows it: in Python's notation, shortened where it is long."""
+    """Return the value as in Python's notation, shortened if it is long, for messages."""
     short = reprlib.Repr()
     short.maxstring = short.maxother = short.maxlong = 60
     try:
         return short.repr(value)
-    except ValueError:  # Python refuses to write such whole numbers out
+    except ValueError:  # Python refuses to convert such large integers to text
         return "a number of thousands of digits"
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> ConfigError:
-    """The error for a name that is not among the known ones: the nearest of them, then all."""
+    """Return the error for a name that is not among the known ones: the nearest name, then all."""
     names = list(known)
     near = difflib.get_close_matches(name.lower(), names, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]!r}? " if near else ""

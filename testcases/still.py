@@ -89,7 +89,6 @@ def gravity_bumps() -> Scene:
     From rest, h = 10 km + Σ 1000 m exp(-w d²), d the angular distance: w = 10 at (0.2π, π/3), 80 at
     (1.2π, π/5) and 360 at (1.6π, -π/4).
     """
-
     bumps = ((0.2, 1.0 / 3.0, 10.0), (1.2, 0.2, 80.0), (1.6, -0.25, 360.0))
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:

@@ -159,7 +159,7 @@ class TidalEquations:
 
     @property
     def _squares(self) -> Array:
-        """n (n + 1) as a column."""
+        """Column of n (n + 1)."""
         n = self.m + np.arange(self.degrees, dtype=np.float64)
         return (n * (n + 1.0))[:, None]
 

@@ -304,7 +304,6 @@ def mcdonald_bates() -> Scene:
     There is no exact solution. The flow keeps the symmetry λ → λ + π, θ → -θ with v → -v
     (reflection at the planet's centre), which the cubed sphere shares.
     """
-
     speed = 20.0
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:

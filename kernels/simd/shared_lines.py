@@ -72,7 +72,6 @@ def shared_lines(kind: Any, np_: int, name: str, transposed: bool) -> tuple[Any,
 
     def line_sum(row: int, factor: str, node: str) -> Any:
         """Return the sum over m of d at `factor` times the numbers at `node`, starting at a row."""
-
         sizes = {"count": count, "np": np_, "apart": MOST_THREADS, "begin": row * MOST_THREADS}
 
         @Register.func_native(source("shared_sum", **sizes, factor=factor, node=node))

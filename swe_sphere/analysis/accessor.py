@@ -1,7 +1,7 @@
-"""The xarray accessor `ds.swe`: what can be made of the fields of a run.
+"""The xarray accessor `ds.swe`: quantities and pictures derived from the fields of a run.
 
-It is there for datasets from `swe_sphere.open_run` and `Simulation.to_xarray`, and for all others
-once this module is imported.
+Datasets from `swe_sphere.open_run` and `Simulation.to_xarray` have it, and all others once this
+module is imported.
 """
 
 from __future__ import annotations
@@ -44,15 +44,15 @@ SPECTRA = {
 
 
 def open_run(path: str | os.PathLike[str], chunks: Mapping[str, int] | None = None) -> xr.Dataset:
-    """The file of a run as an xarray dataset: fields on (time, node), series of diagnostics.
+    """Return the file of a run as an xarray dataset: fields on (time, node), diagnostic series.
 
-    Times are seconds since the start; what the summary of the run says is among the attributes.
-    `ds.swe` makes other grids, spectra, streamfunctions, errors and pictures of it: see
+    Times are seconds since the start; the entries of the run's summary are among the attributes.
+    `ds.swe` derives other grids, spectra, streamfunctions, errors and pictures: see
     `swe_sphere.analysis.accessor`.
 
     Args:
-        chunks: None: all is read at once.  {"time": 1}: frames are read when they are needed, by
-            dask, which must be installed.
+        chunks: None: all data are read at once. {"time": 1}: frames are read when they are needed,
+            by dask, which must be installed.
 
     Examples:
         >>> from swe_sphere import Simulation, open_run
@@ -64,14 +64,14 @@ def open_run(path: str | os.PathLike[str], chunks: Mapping[str, int] | None = No
         >>> run.swe.to_latlon(19, 36).h.shape
         (5, 19, 36)
 
-    Raises ConfigError where the file is missing, damaged or of another kind.
+    Raises ConfigError if the file is missing, damaged or of another kind.
     """
     found = RunFile(path).attributes
-    raw: dict[str, Any] = {"decode_times": False, "mask_and_scale": False}  # whole numbers stay so
+    raw: dict[str, Any] = {"decode_times": False, "mask_and_scale": False}  # keeps integers
     raw |= {"chunks": None if chunks is None else dict(chunks), "engine": engine(Path(path))}
     data = xr.open_dataset(path, **raw)
     for variable in data.variables.values():
-        variable.attrs.pop("_FillValue", None)  # says how it is stored, and not what it is
+        variable.attrs.pop("_FillValue", None)  # describes the storage, not the variable
     if chunks is None:
         with data:
             data.load()
@@ -82,9 +82,9 @@ def open_run(path: str | os.PathLike[str], chunks: Mapping[str, int] | None = No
 class Analysis:
     """Analysis of the fields (time, node) of a run, or of one of its frames (node).
 
-    Fields on other grids, potential vorticity, streamfunction and spectra are computed when they
-    are asked for where the dataset is of dask arrays (`open_run(path, chunks={"time": 1})`), frame
-    by frame; integrals and errors at once, one frame in memory at a time.
+    Fields on other grids, potential vorticity, streamfunction and spectra are evaluated lazily,
+    frame by frame, if the dataset consists of dask arrays (`open_run(path, chunks={"time": 1})`);
+    integrals and errors at once, with one frame in memory at a time.
 
     Every method raises ConfigError if the dataset is not of a run, or lacks a field.
 
@@ -104,7 +104,7 @@ class Analysis:
 
     @cached_property
     def mesh(self) -> Mesh:
-        """The mesh on whose nodes the fields are, made again from the attributes."""
+        """The mesh of the fields, rebuilt from the attributes."""
         values = in_python(self._data.attrs)
         if not {*MESH_ATTRIBUTES} <= values.keys() or "node" not in self._data.dims:
             raise ConfigError(
@@ -115,8 +115,8 @@ class Analysis:
     def to_latlon(self, rows: int = 181, columns: int = 360) -> xr.Dataset:
         """Return all fields on evenly spaced latitudes and longitudes: (..., lat, lon).
 
-        The values are those of the polynomials in the elements at the points.
-        An odd number of rows has a row on each pole.
+        The values are those of the polynomials in the elements at the points. An odd number of rows
+        has a row on each pole.
         """
         return self.to_grid(lat_lon(rows, columns))
 
@@ -129,7 +129,7 @@ class Analysis:
         return on_grid(self._data, Interpolator(self.mesh, *grid.points), grid)
 
     def zonal_mean(self, rows: int = 181) -> xr.Dataset:
-        """Means of all fields along circles of latitude: (..., lat)."""
+        """Return the means of all fields along circles of latitude: (..., lat)."""
         fine = self.to_latlon(rows, 4 * truncation(self.mesh))
         means = fine.drop_vars(["lon_bnds", "cell_area"]).mean("lon", keep_attrs=True)
         for variable in means.data_vars.values():
@@ -137,16 +137,16 @@ class Analysis:
         return means
 
     def spectrum(self, degree: int | None = None) -> xr.Dataset:
-        """Kinetic energy [m2 s-2] and enstrophy [s-2] by spherical wavenumber: (..., wavenumber).
+        """Return kinetic energy [m2 s-2] and enstrophy [s-2] by spherical wavenumber.
 
-        Energy is that of the rotational and of the divergent wind; their sums over the wavenumbers
-        are means over the sphere.  degree: the highest wavenumber, by default 2 ne (np - 1), whose
-        wave has two nodes.
+        The shape is (..., wavenumber). Energies are those of the rotational and of the divergent
+        wind; their sums over the wavenumbers are means over the sphere. degree: the highest
+        wavenumber, by default 2 ne (np - 1), whose wave has two nodes.
         """
         degree = truncation(self.mesh) if degree is None else convert("degree", int, degree)
         if degree < 1:
             raise ConfigError(f"degree={degree}: a spectrum goes to wavenumber 1 at least")
-        # half as fine again as the degree needs, so that what is finer folds back only beyond it
+        # 1.5 times as fine as the degree needs, so that aliases stay beyond it
         at = Interpolator(self.mesh, *gaussian((3 * degree + 5) // 4).points)
 
         def transformed(u: Array, v: Array) -> Array:
@@ -176,9 +176,9 @@ class Analysis:
         return found.rename("streamfunction").assign_attrs(about)
 
     def integrals(self) -> xr.Dataset:
-        """Mass, energy, potential enstrophy, extremes, ... at every time: (time,).
+        """Return mass, energy, potential enstrophy, extremes, ... at every time: (time,).
 
-        As in the series of the run's file; see `swe_sphere.io.integrals`.
+        Names are those of the series in the run's file; see `swe_sphere.io.integrals`.
         """
         told = self._data.attrs.get("planet", {})
         planet = Planet(**(json.loads(told) if isinstance(told, str) else told))
@@ -192,13 +192,13 @@ class Analysis:
         )
 
     def error_norms(self, other: xr.Dataset, fields: Iterable[str] = ("h", "wind")) -> xr.Dataset:
-        """l1, l2 and linf of this run against another, taken for right, at all common times.
+        """Return l1, l2 and linf of this run against `other`, the reference, at all common times.
 
         Norms are those of Williamson et al. (1992), at the nodes and with the weights of the other
-        run, whose mesh may be any.  Names are l1_h, l2_h, ..., linf_wind; fields: also "surface",
+        run, whose mesh may be any. Names are l1_h, l2_h, ..., linf_wind; fields: also "surface",
         "vorticity", tracers, ....
 
-        Raises ConfigError if the runs have no time in common, or for what is no run.
+        Raises ConfigError if the runs have no time in common, or if a dataset is not of a run.
         """
         if not isinstance(other, xr.Dataset):
             raise ConfigError(f"errors are those against a run as open_run gives it, not {other!r}")
@@ -231,10 +231,9 @@ class Analysis:
     ) -> GeoAxes:
         """Draw a field on the globe; return the map, which is axes of cartopy.
 
-        ax: axes of cartopy to draw into; None: those of a new figure.
-
-        time [s since the start]: the frame, None for the last.  look: projection="robinson",
-        winds="arrows", mesh=True, ...; see `swe_sphere.pictures.look.Look`.
+        ax: axes of cartopy to draw into; None: those of a new figure. time [s since the start]: the
+        frame, None for the last. look: projection="robinson", winds="arrows", mesh=True, ...; see
+        `swe_sphere.pictures.look.Look`.
 
         Raises ConfigError if there is no frame at that time.
         """
@@ -259,7 +258,7 @@ class Analysis:
 
     @cached_property
     def _times(self) -> Array:
-        """Times (T,) since the start [s]; one where there is no such dimension."""
+        """Return the times (T,) since the start [s]; a single one without such a dimension."""
         if "time" not in self._data.coords:
             return np.zeros(1)
         times = np.atleast_1d(self._data["time"].values)
@@ -270,13 +269,13 @@ class Analysis:
         return times.astype(np.float64)
 
     def _series(self, values: dict[str, Any], which: list[int] | None = None) -> xr.Dataset:
-        """Numbers at the times of the frames, or at some of them."""
+        """Return numbers at the times of the frames, or at some of them."""
         times = self._times[slice(None) if which is None else which]
         about = {"long_name": "time since the start", "units": "s"}
         return xr.Dataset(values, {"time": ("time", times, about)})
 
     def _frame(self, k: int, names: Iterable[str] | None = None) -> dict[str, Array]:
-        """Fields (N,) of one frame, those of the names that are there."""
+        """Return the fields (N,) of one frame, of the given names as far as they exist."""
         data = self._data.isel(time=k) if "time" in self._data.dims else self._data
         if others := set(data["h"].dims if "h" in data else ()) - {"node"}:
             raise ConfigError(f"choose one of {', '.join(map(str, others))} (isel) first")
@@ -288,17 +287,17 @@ class Analysis:
 
 
 def truncation(mesh: Mesh) -> int:
-    """The spherical wavenumber whose wave has two nodes along the equator of an even mesh."""
+    """Spherical wavenumber whose wave has two nodes along the equator of an even mesh."""
     return 2 * mesh.ne * (mesh.np - 1)
 
 
 def spectra(u: Array, v: Array, degree: int, radius: float) -> Array:
-    """Rotational and divergent kinetic energy [m2 s-2] and enstrophy [s-2], (3, degree + 1).
+    """Return rotational and divergent kinetic energy [m2 s-2] and enstrophy [s-2], (3, degree + 1).
 
-    u, v: wind [m s-1] on a Gaussian grid.  Means over the sphere: the sum of the first two over all
-    wavenumbers n is the mean of (u² + v²) / 2, that of the third the mean of ζ² / 2.  With the
-    coefficients of vorticity and divergence the energy is
-    a² / (4 n (n + 1)) Σ_m (|ζ_nm|² + |δ_nm|²) (Lambert, 1984, Atmosphere-Ocean 22, eq. 6).
+    u, v: wind [m s-1] on a Gaussian grid. Values are means over the sphere: the sum of the first
+    two over all wavenumbers n is the mean of (u² + v²) / 2, that of the third the mean of ζ² / 2.
+    With the coefficients of vorticity and divergence the energy is a² / (4 n (n + 1)) Σ_m (|ζ_nm|²
+    + |δ_nm|²) (Lambert, 1984, Atmosphere-Ocean 22, eq. 6).
     """
     grid = GaussGrid(u.shape[0] - 1)
     enstrophy, divergent = (
@@ -313,17 +312,17 @@ def spectra(u: Array, v: Array, degree: int, radius: float) -> Array:
 def poisson(mesh: Mesh) -> Callable[[Array, Array], Array]:
     """Return the function that finds ψ with k × ∇ψ nearest to a wind, in the mean square.
 
-    That is ∇²ψ = ζ in its weak form, ∫ ∇φ·∇ψ = -∫ φ ζ for every continuous φ of the elements.  The
-    matrix is factored once.
+    The function solves the weak form of ∇²ψ = ζ, ∫ ∇φ·∇ψ = -∫ φ ζ for every continuous φ of the
+    elements. The matrix is factored once.
     """
-    # without its first node, as ψ is known but for a constant
+    # without its first node, because ψ is defined up to a constant
     factors = splu(
         sparse.csc_array(stiffness(mesh, np.ones(mesh.size)))[1:, 1:], diag_pivot_thresh=0.0,
         permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True},
     )  # fmt: skip
 
     def streamfunction(u: Array, v: Array) -> Array:
-        """ψ [m2 s-1] (N,) of mean zero, for the wind u, v (N,) [m s-1]."""
+        """Return ψ [m2 s-1] (N,) of mean zero, for the wind u, v (N,) [m s-1]."""
         right = -mesh.area * vorticity(mesh, u, v)
         found = np.append(0.0, factors.solve(right[1:]))
         result: Array = found - np.average(found, weights=mesh.area)

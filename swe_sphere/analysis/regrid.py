@@ -1,8 +1,8 @@
-"""Fields of runs on grids of latitudes and longitudes that go round the globe.
+"""Fields of runs on global grids of latitudes and longitudes.
 
-`latlon:181x360` has 181 rows and 360 columns, both evenly spaced.  An odd number of rows puts the
-first and the last on the poles, where their cells are half as high; an even number puts all in the
-middle of equal cells.  `gaussian:N` has the 2N Gauss latitudes and 4N longitudes.  Longitudes
+`latlon:181x360` has 181 rows and 360 columns, both evenly spaced. An odd number of rows puts the
+first and the last on the poles, where their cells have half the height; an even number puts all in
+the middle of equal cells. `gaussian:N` has the 2N Gauss latitudes and 4N longitudes. Longitudes
 begin at 0 and go east, latitudes from south to north.
 """
 
@@ -21,7 +21,7 @@ from swe_sphere.mesh import Interpolator
 from swe_sphere.settings.values import convert
 
 MOST_POINTS = 2**28
-"""No grid has more points than this: a field of them takes 2 GiB."""
+"""Largest number of points of a grid: a field of this size takes 2 GiB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class Grid:
 
 
 def parse_grid(text: str) -> Grid:
-    """The grid of that name: latlon:ROWSxCOLUMNS or gaussian:N.
+    """Return the grid of that name: latlon:ROWSxCOLUMNS or gaussian:N.
 
     Raises ConfigError for another text, or numbers too small or large.
     """
@@ -60,7 +60,7 @@ def parse_grid(text: str) -> Grid:
 
 
 def lat_lon(rows: int, columns: int) -> Grid:
-    """Even latitudes and longitudes; ConfigError for less than 2 rows or 4 columns."""
+    """Return even latitudes and longitudes; ConfigError for less than 2 rows or 4 columns."""
     rows, columns = convert("rows", int, rows), convert("columns", int, columns)
     lon = _around(name := f"latlon:{rows}x{columns}", rows, columns)
     if rows % 2:
@@ -73,9 +73,9 @@ def lat_lon(rows: int, columns: int) -> Grid:
 
 
 def gaussian(n: int) -> Grid:
-    """The 2n Gauss latitudes and 4n longitudes; ConfigError for n < 1.
+    """Return the 2n Gauss latitudes and 4n longitudes; ConfigError for n < 1.
 
-    The cells are as high as the Gauss weights say, so that sums over them are Gauss quadrature.
+    The heights of cells follow from the Gauss weights, so that sums over them are Gauss quadrature.
     """
     n = convert("n", int, n)
     lon = _around(name := f"gaussian:{n}", 2 * n, 4 * n)
@@ -128,7 +128,7 @@ def holding(data: xr.Dataset, *names: Hashable) -> list[xr.DataArray]:
 def on_nodes(function: Any, sizes: dict[str, int], *arrays: xr.DataArray, results: int = 1) -> Any:
     """Apply a function of fields (N,) on the nodes at all times; return its results as arrays.
 
-    sizes: the dimensions of each result, in the place of the nodes.
+    sizes: the dimensions of each result, which replace the nodes.
     """
     return xr.apply_ufunc(
         function, *arrays, input_core_dims=[["node"]] * len(arrays), vectorize=True,
@@ -142,7 +142,7 @@ def _coordinates(grid: Grid, radius: float) -> dict[str, Any]:
     about = {"standard_name": "cell_area", "long_name": "area of the cell", "units": "m2"}
     west = -0.5 * float(grid.lon[1])
     lon_edges = np.linspace(west, west + 2.0 * np.pi, grid.lon.size + 1)
-    shares = 0.5 * np.diff(np.sin(grid.edges))  # of the sphere's area, by rows
+    shares = 0.5 * np.diff(np.sin(grid.edges))  # fractions of the sphere's area by row
     zones = 4.0 * np.pi * radius**2 * shares / grid.lon.size
     area = np.repeat(zones[:, None], grid.lon.size, axis=1)
     named: dict[str, Any] = {"cell_area": (("lat", "lon"), area, about)}

@@ -18,16 +18,16 @@ from swe_sphere.mesh import Interpolator
 def regrid_file(
     path: Path, grid: str, out: Path, fields: Sequence[str] = (), overwrite: bool = False
 ) -> Path:
-    """Bring the frames of a run to a grid, one after the other: netCDF-4, compressed, or Zarr.
+    """Interpolate the frames of a run to a grid, one at a time: netCDF-4, compressed, or Zarr.
 
-    grid: latlon:ROWSxCOLUMNS or gaussian:N.  out: ends in .nc, or in .zarr, which needs the package
-    zarr; it gets its name when it is whole.  fields: the variables wanted, all where empty; the
-    wind as a whole.
+    grid: latlon:ROWSxCOLUMNS or gaussian:N. out: ends in .nc, or in .zarr, which needs the package
+    zarr; the file gets its name when it is complete. fields: the requested variables, all if empty;
+    the wind is always included as a vector.
 
-    In memory are a frame and its picture on the grid, and the matrix of the map where that is
+    Memory holds one frame on the mesh and on the grid, and the interpolation matrix if it is
     smaller than 200 MB.
 
-    Returns out.  Raises ConfigError if the file is not of a run or lacks a field, if there is no
+    Returns out. Raises ConfigError if the file is not of a run or lacks a field, if there is no
     such grid, or if `out` exists already or cannot be written.
     """
     found = RunFile(path)
@@ -58,12 +58,12 @@ def regrid_file(
 
 
 def _chosen(data: xr.Dataset, fields: Sequence[str]) -> xr.Dataset:
-    """The fields asked for, with the series of diagnostics; only what lies on the nodes counts."""
+    """Return the requested fields on the nodes, with the series of diagnostics."""
     there = fields_of(data)
     for name in sorted({*fields}.difference(there)):
         raise unknown_name("field", name, there)
     series = [name for name in data.data_vars if data[name].dims == (SERIES,)]
-    # east and north of one place are not those of the next: the wind goes as a whole
+    # east and north differ from point to point: the wind is interpolated as a vector
     whole = ["u", "v"] if {"u", "v"} & set(fields) else []
     return data[[*dict.fromkeys([*(fields or there), *whole]), *series]]
 

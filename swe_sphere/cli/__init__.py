@@ -1,4 +1,4 @@
-"""The command line: thin; everything it does is also a function of the package."""
+"""The command line: a thin layer; the package has a function for everything it does."""
 
 import gc
 import os
@@ -8,10 +8,10 @@ __all__ = ["main"]
 
 
 def main() -> None:
-    """The program `swe-sphere`; Ctrl-C ends it with one line even while it is still loading."""
-    # a run uses one core, and threads that wait for a share of its small matrices only spin
+    """Run the program `swe-sphere`; Ctrl-C ends it with one line even while it is loading."""
+    # a run uses one core, and idle BLAS threads would only spin
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    gc.set_threshold(20_000)  # what loading makes stays: looking for garbage in it is in vain
+    gc.set_threshold(20_000)  # imported objects stay: collecting garbage among them is wasted time
     try:
         from swe_sphere.cli.main import main as program
 

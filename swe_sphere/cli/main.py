@@ -30,7 +30,7 @@ COMMANDS = {
 
 
 def program(names: Iterable[str] = COMMANDS) -> typer.Typer:
-    """The program with those commands: each of them takes its time to load."""
+    """Return the program with those commands: loading each command takes time."""
     app = typer.Typer(
         help="Shallow water on the cubed sphere: run test cases and compare time integrators.",
         no_args_is_help=True,
@@ -79,7 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             traceback.print_exc()
         line, status = explain(error)
         if "--json" in arguments and (arguments[0] != "run" or isinstance(error, TyperException)):
-            from swe_sphere.simulation.summary import failed_summary  # takes its time to import
+            from swe_sphere.simulation.summary import failed_summary  # slow to import
 
             with suppress(RunFailed):  # the line below states the failure
                 typer.echo(failed_summary({}, line, status).as_json())  # `run` prints its own
@@ -90,12 +90,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _show_failure(line: str) -> None:
-    """Print in one line why the program fails; if all ranks do, on one of them."""
+    """Print in one line why the program fails; if all ranks fail, on one of them."""
     try:
         comm = world()
         comm.agree_to_fail(line)
         first = comm.rank == 0
-    except ConfigError:  # which is what the line says: nobody knows the others
+    except ConfigError:  # the line states that the other ranks are unknown
         first = all(os.environ.get(name, "0") == "0" for name in OF_RANKS)
     if first:
         sys.stderr.write(f"swe-sphere: {line}\n")

@@ -14,7 +14,7 @@ from swe_sphere.settings.values import flag_of
 F = TypeVar("F", bound=Callable[..., Any])
 
 METAVARS = tomllib.loads(Path(__file__).with_name("placeholders.toml").read_text("utf-8"))
-"""Placeholders of the values of flags in the help, where the type is not enough."""
+"""Placeholders of the values of flags in the help, if the type is not enough."""
 
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one line of JSON.")]
@@ -24,7 +24,7 @@ Field = Annotated[str | None, typer.Option(metavar="NAME", help="h, surface, vor
 
 LIST = "A,B,..."
 REPEATED = ("settings", "diagnostics", "reference", "trust")
-"""Fields of several values whose flag is given again for each; others take a list, A,B,..."""
+"""Fields of several values whose flag is repeated for each; others take a list, A,B,..."""
 
 
 def option(metavar: str, text: str, default: Any = None) -> Any:
@@ -33,7 +33,7 @@ def option(metavar: str, text: str, default: Any = None) -> Any:
 
 
 def flag(name: str, text: str) -> Any:
-    """Return a switch of a command that is off by default."""
+    """Return a boolean option of a command that is off by default."""
     return typer.Option(False, f"--{name}", help=text)
 
 
@@ -42,9 +42,9 @@ def with_flags(
 ) -> Callable[[F], F]:
     """Give a command `f(**values)` a flag for each field of the model.
 
-    argument: the field that is given without a flag, if one is; without: fields that have none.
-    The command's own parameters stay; what the user does not give is None, and the texts of the
-    fields are the help.
+    argument: the field that is given without a flag, if any; without: fields that have none. The
+    command's own parameters stay; missing flags are None, and the descriptions of the fields are
+    the help.
     """
 
     def give(function: F) -> F:
@@ -64,7 +64,7 @@ def with_flags(
 
 
 def given(values: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]:
-    """The fields of the model that the user gave."""
+    """Return the fields of the model that the user gave."""
     absent: tuple[object, ...] = (None, [], ())
     return {
         name: value
@@ -92,7 +92,7 @@ def _parameter(model: type[BaseModel], name: str, argument: str) -> inspect.Para
 
 
 def _kind(annotation: Any, repeated: bool) -> tuple[Any, str | None]:
-    """The plain type of a field as a flag takes it, and its choices in words."""
+    """Return the plain type of a field as a flag converts it, and its choices in words."""
     origin, inside = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _kind(inside[0], repeated)
@@ -105,6 +105,6 @@ def _kind(annotation: Any, repeated: bool) -> tuple[Any, str | None]:
     kinds = [_kind(each, repeated) for each in inside if each is not type(None)]
     if len(kinds) == 1:
         return kinds[0]
-    if kinds:  # a number or a word: the configuration tells them apart
+    if kinds:  # a number or a word: the configuration distinguishes them
         return str, None
     return (annotation if annotation in (bool, int, float, Path) else str), None

@@ -39,14 +39,14 @@ NOISE = (
     "===", "=   ", "YOUR APPLICATION TERMINATED", "This typically refers", "Please see the FAQ",
     "Abort(", "application called MPI_Abort", "MPICH:", "[mpiexec@",
 )  # fmt: skip
-"""How lines of mpiexec about a process that died begin; ours says it in one."""
+"""Prefixes of mpiexec's lines about a process that died; this program prints one line instead."""
 ENDING = {
     signal.SIGINT: signal.SIGINT, signal.SIGTERM: signal.SIGTERM, signal.SIGHUP: signal.SIGTERM,
     signal.SIGUSR1: signal.SIGTERM,
 }  # fmt: skip
-"""Signals that end a run, and what mpiexec passes on to its ranks in their place."""
+"""Signals that end a run, and the signals that mpiexec sends to its ranks instead."""
 PROCESS = 100 * 2**20
-"""Memory [bytes] that a rank shares with no other, with the smallest mesh."""
+"""Memory [bytes] of a rank that others do not share, with the smallest mesh."""
 
 
 @with_flags(RunConfig, argument="scene")
@@ -124,10 +124,10 @@ def _show_summary(summary: Summary, config: RunConfig) -> None:
 
 
 def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
-    """Run the same command line in that many processes; returns the exit status of all.
+    """Run the same command line in that many processes; return the exit status of all.
 
-    Raises ConfigError where there is no MPI to start them, or no memory for so many, or a mesh of
-    that ne has too few elements.
+    Raises ConfigError if there is no MPI to start them, or no memory for so many, or a mesh of that
+    ne has too few elements.
     """
     if ranks < 1:
         raise ConfigError(f"ranks={ranks}: give a number of processes, at least 1")
@@ -146,7 +146,7 @@ def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
         command, stdin=DEVNULL, stdout=PIPE, stderr=PIPE, text=True, preexec_fn=_end_with_parent,
         process_group=0, env={**os.environ, NAMED: "1"},
     ) as job:  # fmt: skip
-        # in a group of its own a Ctrl-C reaches it once, from here, like what others send
+        # in a separate group a Ctrl-C reaches it once, from here, like other signals
         for number in ENDING:
             if signal.getsignal(number) != signal.SIG_IGN:
                 signal.signal(number, lambda sent, _: job.send_signal(ENDING[signal.Signals(sent)]))
@@ -166,16 +166,17 @@ def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
 
 
 def _end_with_parent() -> None:
-    """Have the system kill this process when its parent dies, where it does that (Linux).
+    """Make the system kill this process when its parent dies, if it supports that (Linux).
 
-    mpiexec does not notice, and its ranks would go on; they do notice the end of mpiexec.
+    mpiexec does not notice that its parent ended, and its ranks would continue; they do notice the
+    end of mpiexec.
     """
     with suppress(AttributeError):
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
 
 
 def _pass_on(lines: Iterable[str]) -> tuple[bool, dict[str, str]]:
-    """Print the lines of ranks on stderr, but for the noise of mpiexec.
+    """Print the lines of ranks on stderr, without the noise of mpiexec.
 
     Returns whether one of them states why the program fails, and numbers of ranks by process.
     """

@@ -10,19 +10,19 @@ from swe_sphere.errors import SweError, in_one_line
 from swe_sphere.simulation.loop import Interrupted
 
 DEBUG = "SWE_SPHERE_DEBUG"
-"""Environment variable that asks for the traceback of an error."""
+"""Environment variable that shows the traceback of an error."""
 
 
 def show_line(text: str) -> None:
-    """Put the text into the last line of a terminal, in the place of what stood there."""
+    """Put the text into the last line of a terminal, replacing the previous text."""
     if sys.stderr.isatty():
         sys.stderr.write(f"\r\x1b[K{text}")
 
 
 def print_table(heads: Sequence[str], lines: Iterable[Iterable[str]], **look: Any) -> None:
-    """A table as wide as its cells: where the terminal is narrower, its lines wrap.
+    """Print a table as wide as its cells: in a narrower terminal its lines wrap.
 
-    look: as of rich.
+    look: options of rich.
     """
     from rich import box
     from rich.console import Console

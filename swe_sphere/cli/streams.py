@@ -1,4 +1,4 @@
-"""Standard streams that are closed or full: a lost result is an error, lost notes are not."""
+"""Standard streams that may be closed or full: a lost result is an error, a lost note is not."""
 
 import io
 import os
@@ -10,7 +10,7 @@ from swe_sphere.errors import RunFailed
 
 
 class Notes(io.TextIOWrapper):
-    """Standard error, written at once: text that cannot be written is left out."""
+    """Standard error without buffering: text that cannot be written is dropped."""
 
     def write(self, text: str) -> int:
         """Write the text; return its length."""
@@ -29,21 +29,21 @@ class Notes(io.TextIOWrapper):
 
 
 class Results(Notes):
-    """Standard output, written at once: RunFailed where it cannot be written."""
+    """Standard output without buffering: raises RunFailed if it cannot be written."""
 
     @contextmanager
     def _checked(self) -> Iterator[None]:
         try:
             yield
         except OSError as error:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or Python's own end fails once more
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or Python's flush at exit fails too
             raise RunFailed(f"cannot write to standard output: {error.strerror}") from None
 
 
 def open_streams() -> None:
     """Open the streams that the caller closed, so that no file of the run gets their numbers.
 
-    Text that the encoding lacks is written with escapes.  Replaced streams are not changed.
+    Characters that the encoding lacks are written as escapes. Replaced streams are not changed.
     """
     for number in range(3):
         try:

@@ -30,7 +30,7 @@ OF_MEMBERS = (
     "out", "plot", "live", "restart", "trust", "initial", "initial_time", "reference", "as_json",
     "quiet",
 )  # fmt: skip
-"""Options of runs that members of an ensemble do not have."""
+"""Options of runs that do not apply to members of an ensemble."""
 Describe = Callable[[Sequence["Row"]], dict[str, object]]
 
 
@@ -125,7 +125,8 @@ def _run(context: typer.Context, folder: str, cases: Sequence[Case], describe: D
 def _page_file(out: Path, folder: str, quick: bool, words: Sequence[str]) -> Path:
     """Return the file of the page, checked before anything is run.
 
-    words: First words of the command of a page of chosen cases, which replaces no page of others.
+    words: first words of the command for a page of chosen cases, which does not replace a full
+    page.
     """
     from swe_sphere.studies.pages import check_ours
 
@@ -145,7 +146,7 @@ def _page_file(out: Path, folder: str, quick: bool, words: Sequence[str]) -> Pat
 
 
 def _shown(found: Iterator[Row]) -> Iterator[Row]:
-    """Yield the rows; print each family's table, and what did not pass, once it is complete."""
+    """Yield the rows; print each family's table and its failures once the family is complete."""
     from swe_sphere.studies.cases.page import cells_of
 
     for _, group in groupby(found, lambda row: row.case.family):
@@ -175,7 +176,7 @@ def ensemble(
     from swe_sphere.studies.pages import check_ours
 
     config = make_config(given(values, RunConfig))
-    if not config.diagnostics:  # whose names are known when they are loaded
+    if not config.diagnostics:  # loading them is necessary to know their names
         check_field(field)
     if config.fields:
         derive(dict.fromkeys((*config.fields, "b"), np.zeros(1)), field)

@@ -33,7 +33,7 @@ NOT_ADVISED = {*RunConfig.model_fields} - {
 }  # fmt: skip
 """Options of runs without a flag of `advise`."""
 REPORT, PAGE = "index.html", "README.md"
-"""Pages that are written of sweeps, and of a recipe too."""
+"""Names of the page of a sweep, and of the additional page of a recipe."""
 
 
 @with_flags(SweepPlan, argument="scene", without=("slow", "spin", "name"))
@@ -59,7 +59,7 @@ def sweep(
         completed |= bool((compared == "completed").any())
         if not mapped and not quiet:
             _show_sweep(dataset)
-    from swe_sphere.studies.regimes import write_map  # matplotlib takes its time to import
+    from swe_sphere.studies.regimes import write_map  # matplotlib is slow to import
     from swe_sphere.studies.report import write_report
 
     for folder in _begun(out) if report_only or loaded else ():
@@ -108,7 +108,7 @@ def _planned(
 
 
 def _begun(out: Path) -> list[Path]:
-    """Folders of the sweeps in a folder; of those that have runs, if any has."""
+    """Return the folders of the sweeps in a folder; only those with runs, if any has."""
     kept = [path for of in ("", "*/") for name in (HEADER, RUNS) for path in out.glob(of + name)]
     folders = sorted({path.parent for path in kept})
     if not folders:
@@ -119,7 +119,7 @@ def _begun(out: Path) -> list[Path]:
 def _by_name(
     datasets: Mapping[Path, xr.Dataset], out: Path, recipe: Recipe | None
 ) -> dict[str, xr.Dataset]:
-    """Datasets by the names of their sections, in the order of the recipe."""
+    """Return datasets by the names of their sections, in the order of the recipe."""
     named = {
         folder.name if folder != out else str(dataset.attrs["scene"]): dataset
         for folder, dataset in datasets.items()
@@ -133,7 +133,7 @@ def _by_name(
 
 @contextmanager
 def _watched(title: str, quiet: bool, interrupted: str) -> Iterator[SweepWatcher]:
-    """Show how a sweep in the block goes; Ctrl-C stops the command with that text."""
+    """Show the progress of a sweep in the block; Ctrl-C stops the command with that text."""
     terminal = SweepWatcher(title, quiet)
     try:
         with closing(terminal), on_compile(lambda: terminal.note(f"swe-sphere: {COMPILING}")):
@@ -167,11 +167,11 @@ def _show_sweep(dataset: xr.Dataset) -> None:
 
 
 def _show_rankings(found: Sequence[Ranking]) -> None:
-    """The headline and the table of each, and how to read the last."""
+    """Print the headline and the table of each ranking, and how to read the last."""
     for ranking in found:
         typer.echo(ranking.headline)
         if ranking.answered is not None:
-            # a part of a cell a line, so that five targets fit into 80 columns
+            # each part of a cell on its own line, so that five targets fit into 80 columns
             heads, *lines = ([cell.replace(", ", "\n") for cell in line]
                              for line in (ranking.heads, *ranking.body))  # fmt: skip
             print_table([*heads[:-1], "smallest\nerror"], lines)

@@ -1,7 +1,7 @@
-"""Files that a kill or a full disk leaves whole, the old one or the new one.
+"""Durable files: a kill or a full disk leaves either the old or the new file, complete.
 
-A new file is built beside its place, under a name that nobody can predict, and takes its place by
-being renamed, which happens at once or not at all.
+A new file is built beside its final path, under an unpredictable name, and renamed to the path,
+which happens at once or not at all.
 """
 
 import errno
@@ -19,22 +19,22 @@ from swe_sphere.errors import ConfigError, RunFailed, SweError
 
 MENDING = "; mend that and run it again: what is finished is kept"
 PART, OLD = ".part", ".old"
-"""Parts of the names of files and folders that are built, and of folders that are replaced."""
+"""Suffixes of the names of files and folders in construction, and of replaced folders."""
 SHOWN = 40
-"""Characters of the name of a path that its temporary names show."""
+"""Number of characters of a path's name in its temporary names."""
 NEW_FILE = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
 OLD_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW
 """Flags that open a temporary file, which must not exist, and a temporary folder."""
 
 
 def write_whole(path: Path, contents: str | bytes) -> None:
-    """Write a file, text in UTF-8, and its folder if need be; both are on the disk afterwards.
+    """Write a file, text in UTF-8, and its folder if necessary; both are then on the disk.
 
-    Raises RunFailed if the disk refuses; the old file is then still in its place.
+    Raises RunFailed if the disk fails; the old file is then still in place.
     """
     with clear_errors(f"cannot write {path}", RunFailed, MENDING):
         path.parent.mkdir(parents=True, exist_ok=True)
-        with suppress(ConfigError):  # another program writes this file, too
+        with suppress(ConfigError):  # another program may write this file, too
             _remove_unfinished(path)
         file, part = _create(path)
         try:
@@ -46,14 +46,14 @@ def write_whole(path: Path, contents: str | bytes) -> None:
 
 
 def contents_of(path: Path) -> bytes:
-    """Return the contents of a file; OSError where there is none, or a pipe, which would block."""
+    """Contents of a file; OSError if it does not exist, or is a pipe, which would block."""
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "what is there is no file")
     return path.read_bytes()
 
 
 def sync(path: Path) -> None:
-    """Write a file or a folder through to the disk; raises OSError where that fails."""
+    """Write a file or a folder through to the disk; raises OSError if that fails."""
     file = os.open(path, os.O_RDONLY)
     try:
         os.fsync(file)
@@ -62,9 +62,9 @@ def sync(path: Path) -> None:
 
 
 def take_lock(file: int) -> bool:
-    """Lock an open file until it is closed or the process ends; False if another one has it.
+    """Lock an open file until it is closed or the process ends; False if another one holds it.
 
-    Where the file system has no locks, nothing is held.
+    On a file system without locks the function does nothing.
     """
     with suppress(OSError):
         try:
@@ -80,14 +80,14 @@ def _mark(path: Path, number: str) -> str:
 
 
 def _new_name(path: Path, ending: str = PART) -> Path:
-    """Return a name beside a path that nobody can predict, with the mark of this program."""
+    """Return an unpredictable name beside a path, with the mark of this program."""
     number = secrets.token_hex(4)
     token = number + _mark(path, number)
     return path.with_name(f".{path.name[:SHOWN]}.{token}{ending}{path.suffix}")
 
 
 def _marked(path: Path, ending: str = PART) -> list[Path]:
-    """Return the files and folders with temporary names for a path that this program made."""
+    """Return the files and folders with temporary names for a path that this program created."""
     ending += path.suffix
     beside = path.parent.glob(f".{escape(path.name[:SHOWN])}.*{ending}")
     numbers = {each: each.name.removesuffix(ending).rpartition(".")[2] for each in beside}
@@ -96,7 +96,7 @@ def _marked(path: Path, ending: str = PART) -> list[Path]:
 
 
 def check_moved(path: Path) -> None:
-    """Raise ConfigError where a program was killed amid `take_place`: both folders are whole."""
+    """Raise ConfigError if a program was killed during `take_place`: both folders are complete."""
     if not path.exists():
         for old in _marked(path, OLD):
             new = " or ".join([f"{part} (the new one)" for part in _marked(path)] + [str(old)])
@@ -106,13 +106,13 @@ def check_moved(path: Path) -> None:
 
 
 def claim(path: Path, folder: bool = False) -> tuple[int, Path]:
-    """Create a file or folder with a temporary name, which is built there for a path.
+    """Create a file or folder with a temporary name, to be built there for a path.
 
-    It is locked while its descriptor is open, also after it is renamed.  Temporary files of a
-    program that was killed are removed.  Returns the descriptor and the name.
+    It is locked while its descriptor is open, also after it is renamed. Temporary files of a killed
+    program are removed. Returns the descriptor and the name.
 
-    Raises ConfigError where another program writes the path, it is of another kind, or a program
-    was killed as it replaced it; OSError where the file or folder cannot be created.
+    Raises ConfigError if another program writes the path, it is of another kind, or a program was
+    killed while it replaced it; OSError if the file or folder cannot be created.
     """
     check_moved(path)
     if path.exists():
@@ -125,7 +125,7 @@ def claim(path: Path, folder: bool = False) -> tuple[int, Path]:
 
 
 def _remove_unfinished(path: Path) -> None:
-    """Remove temporary files of killed programs; ConfigError where a program still writes one."""
+    """Remove temporary files of killed programs; ConfigError if a program still writes one."""
     for left in _marked(path):
         with suppress(FileNotFoundError):
             os.close(_locked(left, os.O_RDONLY | os.O_NOFOLLOW, path))
@@ -142,7 +142,7 @@ def _create(path: Path, folder: bool = False) -> tuple[int, Path]:
 
 @contextmanager
 def building(path: Path, folder: bool = False) -> Iterator[Path]:
-    """Yield a temporary name; what is built there in the block takes its place at the end."""
+    """Yield a temporary name; the file that the block builds there is renamed at the end."""
     _remove_unfinished(path)
     file, part = _create(path, folder)
     os.close(file)  # libraries lock the file, or replace it
@@ -154,7 +154,7 @@ def building(path: Path, folder: bool = False) -> Iterator[Path]:
 
 
 def check_free(path: Path, overwrite: bool) -> None:
-    """Raise ConfigError where a file exists that is not to be replaced."""
+    """Raise ConfigError if a file exists that must not be replaced."""
     if os.path.lexists(path) and not overwrite:
         raise ConfigError(f"{path} exists: choose another name, or replace it with --overwrite")
 
@@ -169,9 +169,9 @@ def _locked(place: Path, flags: int, path: Path) -> int:
 
 
 def take_place(part: Path, path: Path) -> None:
-    """Write what was built under a temporary name through to the disk, and move it to the path.
+    """Write a file with a temporary name through to the disk, and move it to the path.
 
-    A folder cannot take the place of another one at once: the old one has another name in between.
+    A folder cannot replace another one at once: the old one has another name in between.
     """
     sync(part)
     is_folder = part.is_dir()
@@ -180,7 +180,7 @@ def take_place(part: Path, path: Path) -> None:
     part.replace(path)
     with suppress(OSError):  # some systems cannot sync a folder
         sync(path.parent)
-    for old in _marked(path, OLD) if is_folder else ():  # also one that a killed program left
+    for old in _marked(path, OLD) if is_folder else ():  # also a remainder of a killed program
         remove(old)
 
 
@@ -193,9 +193,9 @@ def remove(path: Path) -> None:
 
 
 def allocate(file: int, path: Path, size: int) -> None:
-    """Make sure that an open file can become so many bytes long (OSError if not).
+    """Make sure that an open file can grow to `size` bytes; raises OSError otherwise.
 
-    Where the file system cannot allocate ahead, its free space must suffice.
+    If the file system cannot allocate ahead, its free space must suffice.
     """
     try:
         os.posix_fallocate(file, 0, size)
@@ -208,7 +208,7 @@ def allocate(file: int, path: Path, size: int) -> None:
 
 @contextmanager
 def clear_errors(what: str, kind: type[SweError] = ConfigError, after: str = "") -> Iterator[None]:
-    """Turn what the operating system or netCDF raises inside into one line: what, why, after."""
+    """Turn errors of the operating system or netCDF inside into one line: what, why, after."""
     try:
         yield
     except (OSError, RuntimeError) as error:

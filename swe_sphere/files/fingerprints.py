@@ -19,7 +19,7 @@ NUMBERS = (
     "files", "io", "ranks", "settings", "studies.sweep", "studies.ended", "studies.jobs",
     "studies.record_store",
 )  # fmt: skip
-"""Packages and modules that make the numbers; reports and the command line only show them.
+"""Packages and modules that compute the numbers; reports and the command line only show them.
 
 Any change of their code counts. Comments, docstrings and blank lines do not.
 """
@@ -37,7 +37,7 @@ LIBRARIES = ("warp-lang", "numpy", "scipy")
 
 
 def fingerprint(values: object) -> str:
-    """Return a short name for plain values: equal for equal ones, in any process."""
+    """Return a short name for plain values: equal values have equal names in any process."""
     text = json.dumps(values, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -49,10 +49,10 @@ def file_fingerprint(path: Path) -> str:
 
 @cache
 def code_fingerprint(*more: str) -> str:
-    """Return a short name for the code that makes the numbers, as this process found it.
+    """Return a short name for the code that computes the numbers, as this process imported it.
 
     It covers the code of `NUMBERS` and of the modules directly in swe_sphere, and the versions of
-    `LIBRARIES`.  more: further packages of swe_sphere that count.
+    `LIBRARIES`. more: further packages of swe_sphere to include.
     """
     digest = hashlib.sha256(repr([version(name) for name in LIBRARIES]).encode())
     for name in ("", *NUMBERS, *more):
@@ -64,7 +64,7 @@ def code_fingerprint(*more: str) -> str:
 
 
 def _sources(name: str) -> list[Path]:
-    """Return the files of a package or module of swe_sphere, which need not lie inside of it.
+    """Return the files of a package or module of swe_sphere, which may lie outside its folder.
 
     They are Python, C++ of kernels, and tables of methods, scenes and settings, but no recipes.
     """
@@ -82,7 +82,7 @@ def code_of(source: str) -> str:
     """Return a Python source without its comments, docstrings and blank lines.
 
     Parsing would be exact for any source but takes half a second for the package. The expression
-    serves sources as the formatter leaves them; a test compares it with the parser.
+    handles sources as the formatter writes them; a test compares it with the parser.
     """
     stripped = TEXT.sub(_without_text, source)
     return "\n".join(line for line in stripped.splitlines() if line.strip())
@@ -107,7 +107,7 @@ def processor(device: str = "cpu") -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of Python, of this package and of those that do its work."""
+    """Return the versions of Python, of this package and of the libraries that compute."""
     import warp as wp
 
     return {

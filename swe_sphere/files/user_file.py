@@ -22,9 +22,9 @@ def is_user_file(name: str | Path) -> bool:
 
 
 def check_trusted(name: object, path: Path, trusted: Iterable[Path], is_code: bool = False) -> None:
-    """Raise ConfigError where the data in path name a Python or TOML file that nobody gave.
+    """Raise ConfigError if the data in path name a Python or TOML file that the user did not name.
 
-    A TOML file counts because the scene in it may be based on a Python file.  is_code: any file
+    A TOML file counts because the scene in it may be based on a Python file. is_code: any file
     counts.
     """
     given = {Path(each).absolute() for each in trusted}
@@ -44,13 +44,13 @@ def is_custom(kind: type) -> bool:
 def load_file(path: Path, what: str) -> ModuleType:
     """Execute a file and return it as a module; what: its contents, for messages.
 
-    Raises ConfigError where there is no such file or it fails; the message names file and line.
+    Raises ConfigError if there is no such file or it fails; the message names file and line.
     """
     contents, place = file_contents(path, what), str(path.resolve())
     # each file has another name
     module = ModuleType(f"user_{path.stem}_{fingerprint([place])[:8]}")
     module.__file__ = place
-    sys.modules[module.__name__] = module  # dataclasses and Warp look for it there
+    sys.modules[module.__name__] = module  # dataclasses and Warp search for it there
     _LOADED.add(place)
     code = guarded(str(path), compile, contents, place, "exec")
     guarded(str(path), exec, code, vars(module))
@@ -58,7 +58,7 @@ def load_file(path: Path, what: str) -> ModuleType:
 
 
 def file_contents(path: Path, what: str) -> bytes:
-    """Return the contents of a file; ConfigError where it does not exist or cannot be read."""
+    """Return the contents of a file; ConfigError if it does not exist or cannot be read."""
     if not guarded(f"looking for {path}", path.is_file):
         raise ConfigError(f"there is no {what} file {path}")
     return guarded(str(path), path.read_bytes)
@@ -66,14 +66,14 @@ def file_contents(path: Path, what: str) -> bytes:
 
 @contextmanager
 def users_code(what: str = "") -> Iterator[None]:
-    """Turn what fails in the block into a ConfigError that ends with the line of the user's file.
+    """Turn errors in the block into a ConfigError that ends with the line of the user's file.
 
-    what: begins the message of code that is known to be user-defined, whatever it raises, a call of
-    `sys.exit` included; else only failures in a file that was loaded are turned.
+    what: begins the message of code that is known to be user-defined, for all its errors, including
+    a call of `sys.exit`; otherwise only errors in a loaded file are converted.
     """
     try:
         yield
-    except (SweError, MemoryError, KeyboardInterrupt):  # have lines of their own
+    except (SweError, MemoryError, KeyboardInterrupt):  # these have their own messages
         raise
     except BaseException as error:
         frames = traceback.extract_tb(error.__traceback__)
@@ -101,5 +101,5 @@ def guarded(what: str, function: Callable[P, R], *args: P.args, **kwargs: P.kwar
 
 
 def cause(error: BaseException) -> str:
-    """Return the kind of an error and its message."""
+    """Return the type of an error and its message."""
     return f"{type(error).__name__}: {error}".removesuffix(": ")

@@ -1,8 +1,8 @@
-"""Checkpoints: what a run needs to go on, in a file of its own beside that of its frames.
+"""Checkpoints: the data that resume a run, in a separate file beside that of its frames.
 
 The file is a NumPy archive (.npz: a zip archive, with check sums) of the stepper's arrays and a
-header in JSON.  Each checkpoint replaces the one before by being renamed into its place, so that
-there is always a whole one.  The run's `run_id` says to which file of frames it belongs.
+header in JSON. Each checkpoint replaces the previous one by a rename, so that there is always a
+whole one. The run's `run_id` identifies the file of frames to which it belongs.
 """
 
 import json
@@ -30,11 +30,11 @@ ARRAY = "array:"
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The arrays of a stepper, where it stood, and the attributes of the run it belongs to."""
+    """The arrays of a stepper, its time and step, and the attributes of its run."""
 
     state_dict: dict[str, NDArray[np.generic]]
     time: float
-    """[s] since the start."""
+    """Time since the start of the run [s]."""
     steps: int
     stepper: str
     attributes: dict[str, Any]
@@ -67,7 +67,7 @@ def is_checkpoint(path: Path) -> bool:
 
 
 def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
-    """The checkpoint of a file of frames, or the one in a file of its own.
+    """Return the checkpoint of a file of frames, or the one in a separate file.
 
     Raises ConfigError, in one line, if a file is missing or damaged, or if the checkpoint beside
     the file of frames is that of another run.

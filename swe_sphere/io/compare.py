@@ -1,4 +1,4 @@
-"""Errors of one file against another, whatever the grids: `swe-sphere compare A.nc B.nc`."""
+"""Errors of one file against another on any grids: `swe-sphere compare A.nc B.nc`."""
 
 import os
 
@@ -14,7 +14,7 @@ from swe_sphere.io.scalar_fields import check_field
 
 
 def open_source(path: str | os.PathLike[str]) -> RunFile | Reference:
-    """A file of a run, or a reference on a latitude-longitude grid, whichever it is.
+    """Return a file of a run, or a reference on a latitude-longitude grid, whichever it is.
 
     Raises ConfigError if it is neither, missing or damaged.
     """
@@ -30,14 +30,14 @@ def compare(
     time: float | None = None,
     across_scenes: bool = False,
 ) -> dict[str, str | float | None]:
-    """Norms of A - B over those of B, at the points and with the area weights of B.
+    """Return norms of A - B over those of B, at the points and with the area weights of B.
 
-    a, b: files of runs (any two meshes) or latitude-longitude references.  field: a name in
-    `scalar_fields.FIELDS` or the files, or "wind" for the vector; None: "h", or "surface" where one
-    of the two holds no depth.  time [s]: the frame; None: the time of a reference, else the last
-    one that both runs have.  across_scenes: also where the two are runs of different scenes.
-    Returns field, time, l1, l2, linf.  Raises ConfigError if a file cannot be read, if one of them
-    lacks the field or a frame at that time, or if the runs are of different scenes.
+    a, b: files of runs (any two meshes) or latitude-longitude references. field: a name in
+    `scalar_fields.FIELDS` or the files, or "wind" for the vector; None: "h", or "surface" if one of
+    the two contains no depth. time [s]: the frame; None: the time of a reference, otherwise the
+    last one that both runs have. across_scenes: permits runs of different scenes. Returns field,
+    time, l1, l2, linf. Raises ConfigError if a file cannot be read, if one of them lacks the field
+    or a frame at that time, or if the runs are of different scenes.
     """
     ours, theirs = open_source(a), open_source(b)
     if not across_scenes:
@@ -46,16 +46,16 @@ def compare(
     field = _common_field(ours, theirs, field)
     runs = isinstance(ours, RunFile) and isinstance(theirs, RunFile)
     if runs and all(ours.attributes[x] == theirs.attributes[x] for x in MESH_ATTRIBUTES):
-        found = ours.values(field, time)  # nothing is interpolated, and equal is equal
+        found = ours.values(field, time)  # no interpolation: equal files have no error
     else:
         found = ours.at(field, *theirs.points, time)
     return {"field": field, "time": time, **norms(theirs.area, found, theirs.values(field, time))}
 
 
 def _check_scenes(ours: Source, theirs: Source) -> None:
-    """ConfigError for runs of different scenes; a reference does not say of which it is."""
+    """Raise ConfigError for runs of different scenes; a reference does not name its scene."""
     one, other = (source.attributes.get("scene") for source in (ours, theirs))
-    # fingerprints of the files that hold the scenes; none of a scene of the package
+    # fingerprints of user-defined scene files; scenes of the package have none
     files = [table_in(str(s.attributes.get("sources"))).get(SCENE_FILE) for s in (ours, theirs)]
     if None in (one, other) or (one == other and files[0] == files[1]):
         return
@@ -66,7 +66,7 @@ def _check_scenes(ours: Source, theirs: Source) -> None:
 
 
 def _common_time(*sources: Source) -> float | None:
-    """The last time [s] of which both have a frame; None for references without a time."""
+    """Return the last time [s] of which both have a frame; None for references without a time."""
     timed = [s.times for s in sources if s.times.size or isinstance(s, RunFile)]
     if not timed:
         return None

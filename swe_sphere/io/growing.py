@@ -1,18 +1,19 @@
-"""Files of runs that grow in place and are whole at every moment, whatever ends the process.
+"""Files of runs that grow in place and are complete at any time, however the process ends.
 
 A netCDF classic file counts its records and states the length of each dimension in numbers of four
-bytes in its header.  New numbers are first written beyond these lengths and then counted by one
+bytes in its header. New numbers are first written beyond these lengths and then counted by one
 write of four bytes: a process killed before that has added nothing, one killed after it all.
-Records (frames) follow each other at the end of the file.  A second dimension, that of the series,
-grows in the same way into the room that its variables had when the file was made.
+Records (frames) follow each other at the end of the file. A second dimension, that of the series,
+grows in the same way into the space that its variables received when the file was created.
 
-Format: "NetCDF Classic and 64-bit Offset File Formats", NASA ESDS-RFC-011v2.0, with offsets of
-64 bits.
+Format: "NetCDF Classic and 64-bit Offset File Formats", NASA ESDS-RFC-011v2.0, with offsets of 64
+bits.
 
-In Zarr stores (zarr-specs.readthedocs.io, version 2) each frame of each variable is one chunk.  The
-consolidated metadata, a single file that is replaced atomically, hold the length of every variable.
-They are written last, so that a reader finds a frame of all variables or of none.  The lengths in
-the metadata of single arrays may be ahead after a failed write, and nothing here reads them.
+In Zarr stores (zarr-specs.readthedocs.io, version 2) each frame of each variable is one chunk. The
+consolidated metadata, a single file that is replaced atomically, contain the length of every
+variable. They are written last, so that a reader finds a frame of all variables or of none. The
+lengths in the metadata of single arrays may be ahead after a failed write, and nothing here reads
+them.
 """
 
 import json
@@ -47,7 +48,7 @@ def is_store(path: Path) -> bool:
 
 
 def check_zarr(path: Path) -> None:
-    """Raise ConfigError where the package is missing that reads and writes stores."""
+    """Raise ConfigError if the package that reads and writes stores is missing."""
     if find_spec("zarr") is None:
         raise ConfigError(f"{path} needs the package zarr: pip install zarr")
 
@@ -55,7 +56,7 @@ def check_zarr(path: Path) -> None:
 class Growing:
     """A file or folder that grows, built under a temporary name until it is put in place.
 
-    folder: whether it is a folder.  Raises ConfigError if another program writes it.
+    folder: True for a folder. Raises ConfigError if another program writes it.
     """
 
     def __init__(self, place: Path, folder: bool = False) -> None:
@@ -66,7 +67,7 @@ class Growing:
         """Numbers of records (frames) and of samples in each series."""
 
     def put_in_place(self) -> None:
-        """Give the file its name, unless it has it already."""
+        """Give the file its final name, unless it has it already."""
         if not self._in_place:
             take_place(self._part, self._place)
             self._in_place = True
@@ -83,7 +84,7 @@ class Growing:
             raise RunFailed(f"{path} was replaced while the run was writing it")
 
     def close(self) -> None:
-        """Close the file, which may be done again; a file that is not in place is removed."""
+        """Close the file, possibly again; a file that is not in place is removed."""
         if self._open:
             if not self._in_place:
                 remove(self._part)
@@ -94,7 +95,8 @@ class Growing:
 class GrowingFile(Growing):
     """A netCDF classic file.
 
-    size: bytes that the file must be able to have.  The methods raise OSError as the system does.
+    size: bytes to which the file must be able to grow. The methods raise OSError as the system
+    does.
     """
 
     def __init__(self, place: Path, size: int) -> None:
@@ -106,7 +108,7 @@ class GrowingFile(Growing):
             raise
 
     def define(self, data: xr.Dataset) -> None:
-        """Write everything that does not grow.
+        """Write the whole constant part of the file.
 
         data: without frames; the series are its last variables, full of missing samples.
         """
@@ -126,14 +128,14 @@ class GrowingFile(Growing):
 
     @property
     def _end(self) -> int:
-        """Offset of the next record."""
+        """Return the offset of the next record."""
         return self._first + 8 * self.records * sum(self._lengths.values())
 
     def add_record(self, values: Mapping[str, ArrayLike], wait: bool = True) -> None:
-        """Add a record, given every variable that has records, and put it on the disk.
+        """Append a record, given every variable that has records, and sync it to the disk.
 
-        wait: until the disk has it, which a file that is not in its place yet does not need.
-        Raises ValueError for values of other lengths than those of the records.
+        wait: wait for the disk, which a file that is not in place yet does not need. Raises
+        ValueError for values of other lengths than those of the records.
         """
         if {name: np.size(value) for name, value in values.items()} != self._lengths:
             raise ValueError(f"the values do not fit the records of {self._place}")
@@ -149,7 +151,7 @@ class GrowingFile(Growing):
         self.records += 1
 
     def add_sample(self, values: Mapping[str, float]) -> None:
-        """Add a number to each series; ValueError if their room is used up."""
+        """Append a number to each series; raises ValueError if their space is used up."""
         if self.samples == self._room:
             raise ValueError(f"there is room for {self._room} samples only")
         begin = self._first - 8 * self._room * len(self._series) + 8 * self.samples
@@ -187,8 +189,8 @@ class GrowingFile(Growing):
 class GrowingStore(Growing):
     """A Zarr store with the methods of `GrowingFile`.
 
-    Samples are stored with the next record or text; there is room for any number of them.  What a
-    failed write leaves behind is never counted, and the next write replaces it.
+    Samples are stored with the next record or text; their number is not limited. Data of a failed
+    write are never counted, and the next write replaces them.
     """
 
     def __init__(self, place: Path) -> None:
@@ -234,11 +236,11 @@ class GrowingStore(Growing):
             self._samples = []
 
     def _put(self, values: Mapping[str, ArrayLike], begin: int, count: int) -> None:
-        """Write count numbers or rows of each variable, the first one at index begin.
+        """Write `count` numbers or rows of each variable, the first one at index `begin`.
 
-        The metadata of the arrays come from the consolidated ones.  Whatever an earlier, failed
-        write did to the length of an array, `resize` replaces.  Raises ValueError for values that
-        do not fit.
+        The metadata of the arrays come from the consolidated ones. `resize` overrides any length of
+        an array that an earlier, failed write changed. Raises ValueError for values that do not
+        fit.
         """
         import zarr
 

@@ -1,16 +1,15 @@
 """Means over the sphere: integrals that the equations conserve, error norms, Courant numbers.
 
-Area means I(psi) = integral of psi over the sphere / area of the sphere, with the quadrature of
-the mesh.  With |.| the length of the value (a number or a two-component vector), errors are
+Area means I(psi) = integral of psi over the sphere / area of the sphere, with the quadrature of the
+mesh. With |.| the length of the value (a number or a two-component vector), errors are
 
     l1 = I(|x - y|) / I(|y|),  l2 = sqrt(I(|x - y|^2) / I(|y|^2)),  linf = max|x - y| / max|y|.
 
-Where the exact field y vanishes everywhere there is nothing to divide by, and the norms are the
-absolute ones, in the units of the field.  (Williamson et al. 1992, eqs. 82-87 and 140-142,
-doi:10.1016/S0021-9991(05)80016-6.)
+If the exact field y vanishes everywhere, the norms are the absolute ones, in the units of the
+field. (Williamson et al. 1992, eqs. 82-87 and 140-142, doi:10.1016/S0021-9991(05)80016-6.)
 
-Tracers are known here by their names alone; of each the fields hold the mass hq_NAME (N,) [m] and
-the mixing ratio q_NAME (N,).
+Tracers are identified by their names; for each of them the fields contain the mass hq_NAME (N,) [m]
+and the mixing ratio q_NAME (N,).
 """
 
 import math
@@ -35,12 +34,12 @@ MOMENTA = ("angular_momentum_x", "angular_momentum_y", "angular_momentum_z")
 
 
 def area_mean(area: Array, values: Array) -> float:
-    """Mean of values (N,) weighted with area (N,) [m2, or any common unit]."""
+    """Return the mean of values (N,) weighted with area (N,) [m2, or any common unit]."""
     return float(np.sum(area * values) / np.sum(area))
 
 
 def norms(area: Array, numeric: ArrayLike, exact: ArrayLike) -> dict[str, float]:
-    """The mean, the root-mean-square and the largest error, normalised: "l1", "l2" and "linf".
+    """Return the normalised mean, root-mean-square and largest errors "l1", "l2" and "linf".
 
     numeric, exact: scalars (N,) or vectors (2, N).
     """
@@ -55,7 +54,7 @@ def norms(area: Array, numeric: ArrayLike, exact: ArrayLike) -> dict[str, float]
 
 
 Norms = dict[str, dict[str, float]]
-"""l1, l2 and linf by field."""
+"""Norms l1, l2 and linf by field."""
 
 
 def field_errors(
@@ -64,10 +63,10 @@ def field_errors(
     exact: Mapping[str, Array],
     bottom: Array | float = 0.0,
 ) -> Norms:
-    """Errors of depth "h" and, where both have them, of wind "v" and vorticity at the same points.
+    """Return the errors of depth "h" and, if both have them, of wind "v" and vorticity.
 
-    numeric, exact: h [m] and perhaps u, v [m s-1] and vorticity [s-1], each (N,).  With bottom (N,)
-    [m] the heights compared are those of the free surface, h + bottom.
+    numeric, exact: h [m] and perhaps u, v [m s-1] and vorticity [s-1], each (N,), at the same
+    points. With bottom (N,) [m] the heights are those of the free surface, h + bottom.
     """
     pairs = {"h": (numeric["h"] + bottom, exact["h"] + bottom)}
     both = numeric.keys() & exact.keys()
@@ -95,10 +94,11 @@ def integrals(
     vorticity: Array | float = 0.0,
     divergence: Array | float = 0.0,
 ) -> dict[str, float]:
-    """Integrals and extremes of a state given at the nodes, all arrays (N,).
+    """Return integrals and extremes of a state given at the nodes, all arrays (N,).
 
     u, v [m s-1], h [m], bottom b [m], Coriolis parameter f, relative vorticity and divergence
-    [s-1].  Returns
+    [s-1]. Returns
+
         mass                 I(h) [m]
         energy               I(h |V|^2 / 2 + g ((h + b)^2 - b^2) / 2) [m3 s-2]
         potential_enstrophy  I((vorticity + f)^2 / (2 h)) [m-1 s-2]; NaN where a depth is not > 0
@@ -133,15 +133,14 @@ def angular_momentum(
 ) -> dict[str, float]:
     """Return the absolute angular momentum I(h r × (V + Ω × r)) over the density [m3 s-1].
 
-    u, v, h, f: as in `integrals`.  The components are those along the axes of the rotating frame:
-    x to 0°E and y to 90°E on the equator, z to the North Pole.  Ω is the rotation whose Coriolis
-    parameter f is, the nearest one in least squares.  The component along Ω, or along z where there
-    is no rotation, is the axial one: the continuous equations conserve it over a bottom that is
-    symmetric about the axis.
+    u, v, h, f: as in `integrals`. The components are along the axes of the rotating frame: x to 0°E
+    and y to 90°E on the equator, z to the North Pole. Ω is the rotation whose Coriolis parameter is
+    nearest to f in least squares. The component along Ω, or along z without rotation, is the axial
+    one: the continuous equations conserve it over a bottom that is symmetric about the axis.
     """
     a = mesh.radius
     east, north, axes = (np.ascontiguousarray(x.T) for x in (mesh.east, mesh.north, mesh.xyz))
-    # einsum adds in one order, whatever the number of threads
+    # einsum adds in the same order for any number of threads
     weighted = mesh.area * axes
     moments = np.einsum("in,n->i", weighted, 0.5 * np.broadcast_to(f, h.shape))
     rotation = np.linalg.solve(np.einsum("in,jn->ij", weighted, axes), moments)
@@ -155,9 +154,9 @@ def angular_momentum(
 
 
 def drifts(start: Mapping[str, float], now: Mapping[str, float]) -> dict[str, float]:
-    """Return the relative changes (X - X0) / X0 of integrals; NaN where X0 is zero or NaN.
+    """Return the relative changes (X - X0) / X0 of integrals; NaN if X0 is zero or NaN.
 
-    That of the axial angular momentum is relative to the length of the vector.
+    The change of the axial angular momentum is relative to the length of the vector.
     """
     scales = {**start, "axial_angular_momentum": math.hypot(*(start[name] for name in MOMENTA))}
     return {
@@ -169,7 +168,7 @@ def drifts(start: Mapping[str, float], now: Mapping[str, float]) -> dict[str, fl
 def courant_numbers(mesh: Mesh, dt: float, now: Mapping[str, float]) -> dict[str, float]:
     """Return the Courant numbers of a step dt [s] on the smallest mean node spacing of the mesh.
 
-    now: integrals; courant_gravity is that of wind and gravity waves together.
+    now: integrals; courant_gravity is the number of wind and gravity waves together.
     """
     rate = abs(dt) / mesh.spacing()[0]
     return {
@@ -181,7 +180,7 @@ def courant_numbers(mesh: Mesh, dt: float, now: Mapping[str, float]) -> dict[str
 def tracer_masses(
     mesh: Mesh, fields: Mapping[str, Array], names: Iterable[str]
 ) -> dict[str, float]:
-    """Area mean of hq [m] by tracer."""
+    """Return the area mean of hq [m] by tracer."""
     return {name: area_mean(mesh.area, fields[f"hq_{name}"]) for name in names}
 
 
@@ -190,7 +189,7 @@ def tracer_numbers(
 ) -> dict[str, float]:
     """Return mass_drift_q_NAME, min_q_NAME and max_q_NAME of each tracer.
 
-    start: masses at the start.  The drift is relative, NaN where the mass at the start is zero.
+    start: initial masses. The drift is relative, and NaN if the initial mass is zero.
     """
     numbers = {}
     for name, mass in tracer_masses(mesh, fields, start).items():

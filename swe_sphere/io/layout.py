@@ -1,8 +1,8 @@
 """Contents of an output file: dimensions, mesh, variables, attributes.
 
 CF-1.11 (cfconventions.org) and UGRID-1.0 (ugrid-conventions.github.io): the GLL points are the
-nodes of the mesh, the (np-1)^2 sub-quads of each element its faces, data live on the nodes.  For
-tools that know values of cells alone, the bounds of the coordinates are those of a cell a node.
+nodes of the mesh, the (np-1)^2 sub-quads of each element its faces, and data are defined at nodes.
+For tools that support only cell values, the bounds of the coordinates define one cell per node.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ VARIABLES: dict[str, Any] = tomllib.loads(
 """Attributes of variables: frames, constants, coordinates, topology, series."""
 
 TRACER = "q_"
-"""Beginning of the names of variables with the mixing ratio of a tracer."""
+"""Prefix of the names of variables with the mixing ratio of a tracer."""
 
 BOUNDS = "_bnds"
-"""Ending of the names of the bounds of a coordinate."""
+"""Suffix of the names of the bounds of a coordinate."""
 TOPOLOGY: tuple[str, ...] = (
     *VARIABLES["topology"],
     *(name + BOUNDS for name in VARIABLES["coordinates"]),
@@ -42,7 +42,7 @@ ON_NODES = {"mesh": "mesh", "location": "node", "coordinates": "lat lon", "grid_
 MEASURES = {"cell_measures": "area: area"}
 MISSING: dict[str, Any] = {"_FillValue": np.nan}
 START = "2000-01-01"
-"""The date that files give the start of a run."""
+"""Date of the start of a run in files."""
 TIME = {
     "long_name": "time",
     "standard_name": "time",
@@ -52,7 +52,7 @@ TIME = {
 }
 
 MESH_ATTRIBUTES: tuple[str, ...] = ("ne", "np", "radius", "stretch", "centre", "spin")
-"""Global attributes [m, degrees] from which `Mesh.build` makes the mesh of the file again."""
+"""Global attributes [m, degrees] from which `Mesh.build` rebuilds the mesh of the file."""
 
 SERIES = "diagnostic_time"
 """The dimension of the series of diagnostics, and the variable with its times."""
@@ -60,7 +60,7 @@ SERIES = "diagnostic_time"
 SUMMARY = "summary"
 """The global attribute that states how the run ended, in JSON."""
 SUMMARY_BYTES = 32 * 1024
-"""Room for the summary."""
+"""Size of the space for the summary."""
 
 LAYOUT_BYTES = 128
 """Bytes per node of a layout: lat, lon, four corners of each, area, b, f, one face."""
@@ -82,7 +82,7 @@ def frame_dataset(
     attributes: Mapping[str, Any],
     own: Mapping[str, Mapping[str, str]],
 ) -> xr.Dataset:
-    """Return fields on (time, node) as in a file; own: attributes of user-defined ones."""
+    """Return fields on (time, node) as in a file; own: attributes of user-defined fields."""
     import xarray as xr
 
     tracers = [name.removeprefix(TRACER) for name in fields if name.startswith(TRACER)]
@@ -106,13 +106,13 @@ def file_dataset(
     diagnostics: Mapping[str, Mapping[str, str]],
     samples: int,
 ) -> xr.Dataset:
-    """Return a file without frames; the series, which come last, have room for those samples.
+    """Return a file without frames; the series come last and have space for `samples` samples.
 
-    attributes: of the run.  bottom [m], coriolis [s-1]: a number or (N,).  fields: those of every
-    frame with their attributes.  diagnostics: the series, with attributes where they are
-    user-defined; without any there is no dimension for them either.
+    attributes: those of the run. bottom [m], coriolis [s-1]: a number or (N,). fields: the fields
+    of every frame with their attributes. diagnostics: the series, with attributes if they are
+    user-defined; without any series the file has no dimension for them.
 
-    Raises ValueError if a series is called like something else in the file.
+    Raises ValueError if the name of a series is already used in the file.
     """
     import xarray as xr
 
@@ -127,7 +127,7 @@ def file_dataset(
         data[name][2]["bounds"] = name + BOUNDS
         data[name + BOUNDS] = (("node", "corner"), np.degrees(corners))
     topology = VARIABLES["topology"]
-    zero = np.zeros((), np.int32)  # the attributes are what counts
+    zero = np.zeros((), np.int32)  # only the attributes count
     data["mesh"] = ((), zero, topology["mesh"])
     data["face_nodes"] = (("face", "corner"), mesh.quads(), topology["face_nodes"])
     data["sphere"] = ((), zero, topology["sphere"] | {"earth_radius": mesh.radius})
@@ -155,7 +155,7 @@ def mesh_attributes(mesh: Mesh) -> dict[str, Any]:
 
 
 def _on_nodes(mesh: Mesh, bottom: ArrayLike, coriolis: ArrayLike) -> dict[str, Any]:
-    """Return the coordinates of the nodes, and what is constant on them."""
+    """Return the coordinates of the nodes, and the constant fields."""
     values = {
         "lat": np.degrees(mesh.lat), "lon": np.degrees(mesh.lon), "b": bottom, "f": coriolis,
         "area": mesh.area,
@@ -168,7 +168,7 @@ def _on_nodes(mesh: Mesh, bottom: ArrayLike, coriolis: ArrayLike) -> dict[str, A
 
 
 def plain(values: Mapping[str, object]) -> dict[str, Any]:
-    """Return values as files can hold them: numbers, texts and rows of numbers; others as JSON."""
+    """Values in types that files can contain: numbers, texts, rows of numbers; others as JSON."""
     return {name: _plain(value) for name, value in in_python(values).items()}
 
 
@@ -183,7 +183,7 @@ def _plain(value: Any) -> Any:
 
 
 def in_python(values: Mapping[Any, Any]) -> dict[str, Any]:
-    """Return values without types of numpy."""
+    """Return values as Python types instead of numpy types."""
     return {str(k): v.tolist() if hasattr(v, "tolist") else v for k, v in values.items()}
 
 

@@ -1,4 +1,4 @@
-"""Streaming a run to netCDF or Zarr, also to resume in its file: CF-1.11, the mesh as UGRID."""
+"""Streaming of a run to netCDF or Zarr, also when it resumes: CF-1.11, the mesh as UGRID."""
 
 import json
 import math
@@ -32,28 +32,26 @@ from swe_sphere.mesh import Mesh
 SAMPLES = 1000
 MENDING = "; free some space or write elsewhere (all that was written before can still be read)"
 KEPT = ("run_id", "start_step", "history")
-"""Attributes that stay those of the run that is resumed."""
+"""Attributes that a resumed run keeps."""
 
 
 class FrameWriter(AbstractContextManager["FrameWriter"]):
     """Writes frames and series of diagnostics to one file, and checkpoints to one beside it.
 
-    path: the file, which takes the place of an existing one with its first frame, and is whole
-    from then on at every moment; a Zarr store where it ends in .zarr.  attributes: the resolved
-    configuration, written as global attributes (nested tables as JSON); the parameters of the mesh
-    and a run_id are added.  bottom (N,) [m]: height of the orography.  tracers:
-    their names.  samples: the largest number of times with diagnostics.  append_from: a time
-    [s] from which the run in the existing file is resumed, under its run_id; its frames and
-    samples before that time are copied first, and it stays in its place until the new file has as
-    many frames.  own: attributes (long_name, units) of user-defined diagnostics, of which
-    `own_fields` are in every frame and the others in the series.  coriolis (N,) [s-1]: the
-    Coriolis parameter.  only: names of the fields that frames hold, all where
-    empty.
+    path: the file, which replaces an existing one with its first frame, and is complete at any time
+    from then on; a Zarr store if the name ends in .zarr. attributes: the resolved configuration,
+    written as global attributes (nested tables as JSON); the parameters of the mesh and a run_id
+    are added. bottom (N,) [m]: height of the orography. tracers: their names. samples: the largest
+    number of times with diagnostics. append_from: a time [s] from which the run in the existing
+    file is resumed, under its run_id; its frames and samples before that time are copied first, and
+    it stays in place until the new file has as many frames. own: attributes (long_name, units) of
+    user-defined diagnostics, of which `own_fields` are in every frame and the others in the series.
+    coriolis (N,) [s-1]: the Coriolis parameter. only: names of the fields in frames; all if empty.
 
-    Raises ConfigError for an unknown field, if the file cannot be made, if another run writes it,
-    if there is no room for a first frame, or if the run in it cannot be resumed.  Every method
-    raises RunFailed if the disk is full or refuses, or if another program has removed or changed
-    the file; what was written before stays readable.
+    Raises ConfigError for an unknown field, if the file cannot be created, if another run writes
+    it, if there is no space for a first frame, or if the run in it cannot be resumed. Every method
+    raises RunFailed if the disk is full or fails, or if another program has removed or changed the
+    file; earlier frames stay readable.
     """
 
     def __init__(
@@ -115,11 +113,11 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         fields: Mapping[str, ArrayLike],
         diagnostics: Mapping[str, float | None] | None = None,
     ) -> None:
-        """Add a frame at time [s since the start] and put it on the disk.
+        """Append a frame at time [s since the start] and sync it to the disk.
 
         fields: h [m], u, v [m s-1], vorticity, divergence [s-1], q_NAME of each tracer and
-        user-defined ones, all of them (N,); others are ignored.
-        diagnostics: as for `record`, at the same time; those of the first frame are all there are.
+        user-defined ones, all of them (N,); others are ignored. diagnostics: as for `record`, at
+        the same time; those of the first frame define the series.
         """
         values = {"time": [time]} | {name: fields[name] for name in self._fields}
         with self._writing(begins=True):
@@ -133,10 +131,10 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
                 self._growing.put_in_place()
 
     def record(self, time: float, diagnostics: Mapping[str, float | None]) -> None:
-        """Add numbers at time [s] to the series along `diagnostic_time`, after a first frame.
+        """Append numbers at time [s] to the series along `diagnostic_time`, after a first frame.
 
-        None and absent names are missing.  Raises ValueError for a name that the first frame did
-        not have, and if there is no room for more.
+        None and absent names are missing. Raises ValueError for a name that the first frame did not
+        have, and if there is no space for more.
         """
         with self._writing():
             self._growing.add_sample(self._sample(time, diagnostics))
@@ -146,7 +144,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
     ) -> None:
         """Replace the checkpoint by one from which the run can be resumed bit by bit.
 
-        state_dict: the stepper's arrays; time [s], steps: where it stands; stepper: its name.
+        state_dict: the stepper's arrays; time [s], steps: its time and step; stepper: its name.
         """
         checkpoint = Checkpoint({**state_dict}, time, steps, stepper, self._attributes)
         with self._writing():
@@ -155,7 +153,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
     def finish(self, summary: Mapping[str, object]) -> None:
         """Write how the run ended: a JSON object in the attribute `summary`.
 
-        Entries for which there is no room are left out, from the end of the summary.
+        Entries that do not fit are omitted, from the end of the summary.
         """
         kept = dict(summary)
         while len(text := json.dumps(kept, default=str)) > SUMMARY_BYTES:
@@ -172,7 +170,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         self.close()
 
     def _make(self, diagnostics: Iterable[str]) -> None:
-        """Write everything but new frames and samples."""
+        """Write the whole file except new frames and samples."""
         times, earlier = (np.zeros(0), {}) if self._earlier is None else self._earlier.series()
         self._series = tuple(dict.fromkeys((*diagnostics, *earlier)))
         about = {} if self._earlier is None else self._earlier.about_series
@@ -191,9 +189,9 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
             self._growing.add_sample(self._sample(time, sample))
 
     def _copy_frames(self, times: Array) -> None:
-        """Copy the frames of the earlier run; ConfigError if they hold other fields.
+        """Copy the frames of the earlier run; raises ConfigError if they contain other fields.
 
-        Frames that it wrote after its last checkpoint are left out: they are written again.
+        Frames that the run wrote after its last checkpoint are omitted: they are written again.
         """
         names = {"time", *self._fields}
         with reading(self.path) as data:
@@ -204,7 +202,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
                 self._growing.add_record(values, wait=False)
 
     def _sample(self, time: float, diagnostics: Mapping[str, float | None]) -> dict[str, float]:
-        """Return a number for every series; ValueError if there is one without a series."""
+        """Return a number for every series; raises ValueError for a number without a series."""
         if unknown := diagnostics.keys() - set(self._series):
             raise ValueError(f"the first frame had no diagnostics {', '.join(sorted(unknown))}")
         numbers = {name: diagnostics.get(name) for name in self._series}
@@ -212,7 +210,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
 
     @contextmanager
     def _writing(self, begins: bool = False) -> Iterator[None]:
-        """Raise RunFailed for errors of the disk, and for a file that others have changed."""
+        """Raise RunFailed for errors of the disk, and for a file that another program changed."""
         if not (begins or self._begun):
             raise ValueError("a file begins with a frame")
         with clear_errors(f"cannot write {self.path}", RunFailed, MENDING):

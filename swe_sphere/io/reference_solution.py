@@ -1,4 +1,4 @@
-"""References to compare runs with: states on latitude-longitude grids, and exact solutions."""
+"""References for comparisons: states on latitude-longitude grids, and exact solutions."""
 
 import os
 import re
@@ -22,7 +22,7 @@ from swe_sphere.operators.diagnose import divergence, vorticity
 from swe_sphere.planet import DAY
 
 RENAMED = {"surface_height": "surface"}
-"""Our names of variables that are called otherwise in references."""
+"""Names in this package of variables that have other names in references."""
 ON_GRID = ("lat", "lon"), ("time", "lat", "lon")
 
 SHIPPED = Path(__file__).parents[1] / "data"
@@ -30,7 +30,7 @@ SHIPPED = Path(__file__).parents[1] / "data"
 
 
 def shipped_reference(scene: str, days: float) -> Path | None:
-    """File of the solution of a scene at that day [days] that comes with the package, if any.
+    """Return the package's file with the solution of a scene at that day [days], if any.
 
     The scene "galewsky_viscous" is galewsky with the viscosity of 1e5 m2 s-1.
     """
@@ -39,10 +39,10 @@ def shipped_reference(scene: str, days: float) -> Path | None:
 
 
 def latitude_weights(lat: Array, bounds: Array | None = None) -> Array:
-    """Share (M,) of the sphere's area that each latitude circle lat (M,) [rad] stands for.
+    """Return the share (M,) of the sphere's area of each latitude circle lat (M,) [rad].
 
-    Gauss weights where the latitudes are those of the Gaussian grid; else the zones between
-    bounds (M, 2) [rad], or, without bounds, between the middles of neighbours.
+    Latitudes of a Gaussian grid have Gauss weights; others have the zones between bounds (M, 2)
+    [rad] or, without bounds, between the midpoints of neighbours.
     """
     nodes, weights = np.polynomial.legendre.leggauss(lat.size)
     if bounds is not None:
@@ -59,8 +59,8 @@ class Reference(Source):
 
     A reference is one state; a regridded run has one for each of its times.
 
-    Areas are shares of the sphere.  Raises ConfigError if the file is missing or damaged, or its
-    grid does not go round the sphere.
+    Areas are shares of the sphere. Raises ConfigError if the file is missing or damaged, or its
+    grid does not cover all longitudes.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -132,7 +132,7 @@ class Spline:
 
 
 def _fields(path: Path, data: xr.Dataset, index: int) -> dict[str, Array]:
-    """Return the fields (M K,) by our names, at the time of that index where there are times."""
+    """Fields (M K,) by this package's names, at the time of that index if there are times."""
     there = {RENAMED.get(str(name), str(name)): one for name, one in data.variables.items()}
     return {
         name: checked(path, name, one[index if one.ndim == 3 else ...]).astype(float).ravel()
@@ -142,7 +142,7 @@ def _fields(path: Path, data: xr.Dataset, index: int) -> dict[str, Array]:
 
 
 class OnGrid:
-    """A reference, and the matrix that takes a mesh to its grid, which takes time to make."""
+    """A reference, and the matrix from a mesh to its grid, which takes time to build."""
 
     def __init__(self, reference: Reference, mesh: Mesh) -> None:
         self._reference = reference
@@ -152,16 +152,16 @@ class OnGrid:
         """Return l1, l2, linf of the polynomials in the elements at the points of the grid.
 
         fields: u, v [m s-1], h, b [m], vorticity, divergence [s-1] at the nodes (N,), as far as the
-        field needs them.  field: "h", "surface" (h + b), "vorticity", "wind" (the vector), ...
+        field needs them. field: "h", "surface" (h + b), "vorticity", "wind" (the vector), ...
         Raises ConfigError for an unknown field, or one that the reference does not have.
         """
         name = reference_field(self._reference, check_field(field, vector=True), fields.get("b"))
         return norms(self._reference.area, *self._pair(fields, name))
 
     def errors(self, fields: Mapping[str, Array], height: str) -> Norms:
-        """Errors of height and, as far as the reference has them, of vorticity and wind "v".
+        """Return errors of height and, as far as the reference has them, of vorticity and wind "v".
 
-        height: "h" or "surface", which is taken where the reference has no depth.
+        height: "h" or "surface"; "surface" replaces "h" if the reference has no depth.
         """
         has = self._reference.fields.keys()
         names = {"h": height if height in has or "surface" not in has else "surface"}
@@ -171,7 +171,7 @@ class OnGrid:
         return {field: norms(area, *self._pair(fields, name)) for field, name in names.items()}
 
     def decorrelation(self, fields: Mapping[str, Array]) -> float:
-        """1 less the correlation of vorticity with that of the reference."""
+        """Return 1 minus the correlation of the vorticity with that of the reference."""
         pair = self._pair(fields, "vorticity")
         covariance = np.cov(*pair, aweights=self._reference.area)
         return 1.0 - float(covariance[0, 1]) / float(np.sqrt(covariance[0, 0] * covariance[1, 1]))
@@ -181,7 +181,7 @@ class OnGrid:
 
 
 def reference_field(reference: Reference, field: str, bottom: Array | None) -> str:
-    """The field to compare where a reference may hold the free surface and not the depth."""
+    """Field to compare, because a reference may contain the free surface and no depth."""
     if field != "h" or "h" in reference.fields:
         return field
     if bottom is not None and np.any(bottom):
@@ -195,9 +195,9 @@ DERIVATIVES = {"vorticity": vorticity, "divergence": divergence}
 
 
 class Exact:
-    """Fields of the exact solution of a scene anywhere; ConfigError if it has none.
+    """Fields of the exact solution of a scene at any point; ConfigError if it has none.
 
-    mesh: on which derivatives of the exact wind are taken, as those of the run are.
+    mesh: mesh on which derivatives of the exact wind are computed, as for the run.
     """
 
     def __init__(self, scene: Scene, mesh: Mesh) -> None:
@@ -206,7 +206,7 @@ class Exact:
         self._scene, self._mesh = scene, mesh
 
     def at(self, field: str, lon: Array, lat: Array, time: float | None = None) -> Array:
-        """A field at points lon, lat (M,) [rad]: (M,); ConfigError where it is not known."""
+        """Return a field (M,) at points lon, lat (M,) [rad]; ConfigError if it is unknown."""
         scene, mesh, now = self._scene, self._mesh, time or 0.0
         if field.startswith(TRACER):
             name = field.removeprefix(TRACER)

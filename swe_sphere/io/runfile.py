@@ -38,7 +38,7 @@ TOLERANCE = 1e-6 * DAY
 def reading(path: str | os.PathLike[str]) -> Iterator[xr.Dataset]:
     """Open a netCDF file or Zarr store, with values as they are stored.
 
-    Raises ConfigError, in one line, for a fault of the file that shows in the block.
+    Raises ConfigError, in one line, for a fault of the file that appears in the block.
     """
     with clear_errors(f"cannot read {path}"):
         check_moved(Path(path))
@@ -49,7 +49,7 @@ def reading(path: str | os.PathLike[str]) -> Iterator[xr.Dataset]:
             raise ConfigError(f"there is no file {path}")
     try:
         with warnings.catch_warnings():
-            # a store of another program need not have consolidated metadata
+            # stores of other programs may lack consolidated metadata
             warnings.filterwarnings("ignore", "Failed to open Zarr store with consolidated")
             data = xr.open_dataset(path, engine=kind, decode_cf=False)
         with data:
@@ -81,7 +81,7 @@ def check_length(path: Path) -> None:
 
 
 def checked(path: Path, name: str, variable: xr.Variable) -> Array:
-    """Return the values of a variable; ConfigError where a known field lacks a value."""
+    """Return the values of a variable; raises ConfigError if a known field lacks a value."""
     values: Array = variable.values
     if name in FINITE or name.startswith(TRACER):
         fill = variable.attrs.get("_FillValue", np.nan)
@@ -94,7 +94,7 @@ def checked(path: Path, name: str, variable: xr.Variable) -> Array:
 
 
 def table_in(text: str) -> dict[str, Any]:
-    """Return a table in JSON; an empty one where a program was killed while it wrote it."""
+    """Return a table in JSON; an empty one if a program was killed while it wrote the table."""
     try:
         return dict(json.loads(text))
     except (ValueError, TypeError, RecursionError):
@@ -109,7 +109,7 @@ class Source(ABC):
     attributes: dict[str, Any]
     """Attributes of the run."""
     about: Mapping[str, Mapping[str, Any]]
-    """Attributes of the variables that a frame holds, as far as they are known."""
+    """Attributes of the variables in a frame, as far as they are known."""
     times: Array
     """Times (T,) [s] of the frames."""
 
@@ -131,14 +131,14 @@ class Source(ABC):
 
     @abstractmethod
     def frame(self, time: float | None = None) -> dict[str, Array]:
-        """Fields (N,) at time [s] (None: the last), by name; of a run u, v, h, b at least."""
+        """Fields (N,) at time [s] (None: the last), by name; of a run at least u, v, h, b."""
 
     @abstractmethod
     def sampler(self, lon: Array, lat: Array) -> Sampler:
         """Return a sampler that evaluates fields (N,) and winds at points lon, lat (M,) [rad]."""
 
     def index(self, time: float | None) -> int:
-        """Number of the frame at time [s], of the last one for None; ConfigError if none."""
+        """Return the number of the frame at time [s], of the last for None; ConfigError if none."""
         if self.times.size == 0:
             raise ConfigError(f"{self.path} holds no frame yet")
         if time is None:
@@ -152,15 +152,15 @@ class Source(ABC):
         return found
 
     def nearest(self, time: float | None) -> float:
-        """Time [s] of the frame at time, of the last one for None; ConfigError if none."""
+        """Return the time [s] of the frame at time, of the last for None; ConfigError if none."""
         return float(self.times[self.index(time)])
 
     def values(self, name: str, time: float | None = None) -> Array:
-        """A field at the points: (N,), or (2, N) for "wind"."""
+        """Return a field at the points: (N,), or (2, N) for "wind"."""
         return derive(self.frame(time), name)
 
     def at(self, name: str, lon: Array, lat: Array, time: float | None = None) -> Array:
-        """A field at any points lon, lat (M,) [rad]: (M,), or (2, M) for "wind"."""
+        """Return a field at any points lon, lat (M,) [rad]: (M,), or (2, M) for "wind"."""
         return evaluate(self.sampler(lon, lat), self.frame(time), name)
 
 
@@ -221,7 +221,7 @@ class RunFile(Nodal):
 
     @cached_property
     def mesh(self) -> Mesh:  # type: ignore[override]
-        """The mesh, made again from the attributes of the file."""
+        """The mesh, rebuilt from the attributes of the file."""
         if self.bottom.ndim != 1:
             raise ConfigError(f"{self.path} is on a grid already: give the file of a run")
         return mesh_of(self.attributes, self.bottom.size, f"cannot read {self.path}")

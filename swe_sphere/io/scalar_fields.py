@@ -1,4 +1,4 @@
-"""The fields a file can be asked for: names, units, colours, and how to derive them."""
+"""The scalar fields of files: names, units, colours, and how to derive them."""
 
 import difflib
 import re
@@ -22,13 +22,13 @@ class Field:
     units: str
     colours: str
     diverging: bool = False
-    """Zero is the middle of the scale."""
+    """True if zero is the middle of the scale."""
     contours: bool = True
-    """Drawn with contour lines; not where derivatives make them all loops and islands."""
+    """True if contour lines are drawn; derivatives have too many small closed loops."""
 
     @property
     def plain_units(self) -> str:
-        """Units for a terminal and for captions; none of pure numbers."""
+        """Units for a terminal and for captions; empty for pure numbers."""
         plain = POWER.sub(lambda found: found[1].translate(RAISED), self.units)
         return "" if self.units == "1" else plain
 
@@ -37,12 +37,12 @@ POWER, RAISED = re.compile(r"\$\^\{(.*?)\}\$"), str.maketrans("-0123456789", "â
 
 
 FIELDS = {name: Field(**table) for name, table in VARIABLES["pictures"].items()}
-"""Scalar fields by name.  Besides these, errors can be asked for of the vector "wind", and a run
-with tracers has the mixing ratio "q_NAME" of each."""
+"""Scalar fields by name.  Errors are also available for the vector "wind", and a run with tracers
+has the mixing ratio "q_NAME" of each."""
 
 
 def describe(name: str, about: Mapping[str, Any] | None = None) -> Field:
-    """How to call and draw the field of that name; about: attributes of the variable that it is."""
+    """Return the title and look of the field of that name; about: attributes of its variable."""
     if name.startswith(TRACER):
         return Field(
             f"mixing ratio of {name.removeprefix(TRACER)}", "1", "lajolla_r", contours=False
@@ -55,10 +55,9 @@ def describe(name: str, about: Mapping[str, Any] | None = None) -> Field:
 
 
 def check_field(name: str, own: Iterable[str] = (), *, vector: bool = False) -> str:
-    """The name, if there is such a field; "wind" is one only where vector is true.
+    """Return the name of an existing field; "wind" is one only with `vector`.
 
-    own: names of what a file holds.  Of what begins as the name of a tracer does, only the file can
-    tell.
+    own: names of the fields in a file. Only the file determines which names of tracers exist.
 
     Raises ConfigError with the nearest name otherwise.
     """
@@ -72,7 +71,7 @@ def check_field(name: str, own: Iterable[str] = (), *, vector: bool = False) -> 
 
 
 def derive(fields: Mapping[str, Array], name: str) -> Array:
-    """The named field from stored ones (u, v, h, b, ...): (N,), or (2, N) for "wind"."""
+    """Return the named field from stored ones (u, v, h, b, ...): (N,), or (2, N) for "wind"."""
     if name == "surface" and "surface" not in fields:
         return derive(fields, "h") + fields.get("b", 0.0)
     if name == "speed":
@@ -88,16 +87,16 @@ class Sampler(Protocol):
     """Evaluates fields given at the points of a source at other points."""
 
     def __call__(self, field: Array, /) -> Array:
-        """Return a scalar."""
+        """Return a scalar field at these points."""
 
     def wind(self, u: Array, v: Array) -> tuple[Array, Array]:
         """Return the eastward and northward components of a vector."""
 
 
 def evaluate(sampler: Sampler, fields: Mapping[str, Array], name: str) -> Array:
-    """The named field at the points of a sampler from fields (N,) of a source.
+    """Return the named field at the points of a sampler from fields (N,) of a source.
 
-    Everything made of the wind goes by way of the vector, whose components jump at the poles.
+    Fields derived from the wind use the vector, because its components jump at the poles.
     """
     if name in ("u", "v", "speed", "wind"):
         u, v = sampler.wind(*derive(fields, "wind"))
@@ -106,7 +105,7 @@ def evaluate(sampler: Sampler, fields: Mapping[str, Array], name: str) -> Array:
 
 
 def at_nodes(fine: Mesh, fields: Mapping[str, Array], mesh: Mesh) -> dict[str, Array]:
-    """u, v, h and, where it is there, vorticity of a finer mesh at the nodes of another."""
+    """Return u, v, h and, if present, vorticity of a finer mesh at the nodes of another."""
     interpolator = Interpolator(fine, mesh.lon, mesh.lat)
     u, v = evaluate(interpolator, fields, "wind")
     scalars = fields.keys() & {"h", "vorticity"}

@@ -1,4 +1,4 @@
-"""Types and ranges of what is read from files of runs, checked before anything is built of it."""
+"""Types and ranges of data read from files of runs, checked before objects are built from them."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any
@@ -14,7 +14,7 @@ Count = Annotated[int, Field(ge=0, lt=2**53)]
 
 
 class RunAttributes(BaseModel, strict=True, allow_inf_nan=False):
-    """Attributes of a run that are read again, where it has them; further ones may be anything."""
+    """Attributes of a run that are read again, if present; other attributes are not checked."""
 
     ne: Count = 1
     np: Count = 3
@@ -37,7 +37,7 @@ class RunAttributes(BaseModel, strict=True, allow_inf_nan=False):
 
 
 class CheckpointHeader(BaseModel, strict=True, allow_inf_nan=False):
-    """Header of a checkpoint; further entries are refused where the checkpoint is built."""
+    """Header of a checkpoint; unknown entries raise an error where the checkpoint is built."""
 
     time: Annotated[float, Field(ge=0.0)]
     steps: Count
@@ -49,8 +49,8 @@ class CheckpointHeader(BaseModel, strict=True, allow_inf_nan=False):
 def mesh_of(attributes: Mapping[str, Any], nodes: int, failure: str) -> Mesh:
     """Return the mesh of a file that has these attributes and this number of nodes.
 
-    Raises ConfigError, which begins with `failure`, where the attributes describe no mesh or one of
-    another size.  The size is checked before the mesh is built.
+    Raises ConfigError, which begins with `failure`, if the attributes do not describe a mesh or
+    describe one of another size. The size is checked before the mesh is built.
     """
     values = {name: attributes[name] for name in MESH_ATTRIBUTES}
     ne, np = values["ne"], values["np"]

@@ -1,1 +1,1 @@
-"""Pictures of runs: fields on maps of the globe, with what they conserve underneath."""
+"""Pictures of runs: fields on maps of the globe, with curves of conserved quantities below."""

@@ -1,4 +1,4 @@
-"""A field on a map, with contours that draw no noise, its scale, title and caption."""
+"""A field on a map, without contours of noise, with its scale, title and caption."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ from swe_sphere.pictures.maps import MapGrid, draw_graticule, draw_mesh, draw_wi
 from swe_sphere.planet import DAY
 
 FLAT = 1e-9
-"""A field that varies by less than this part of its values is round-off."""
+"""Relative variation of a field below which it is round-off."""
 SUBTITLE, TITLE, CAPTION = 6.0, 20.0, 20.0
 """Distances of the subtitle from the map, of the title from the subtitle, and of the caption from
 the map, which leaves room for the labels of the meridians [points]."""
@@ -40,7 +40,7 @@ def limits(values: Array, kind: Field) -> tuple[float, float]:
 def contours(
     values: Array, kind: Field, ends: tuple[float, float], count: int | None = None
 ) -> tuple[Array, float]:
-    """Return the levels to draw and the interval between them; about `count` of them if given."""
+    """Return the levels to draw and the interval between them; about `count` levels if given."""
     most = MaxNLocator(count or (8 if kind.diverging else 14))
     levels = np.asarray(most.tick_values(*ends), dtype=np.float64)
     interval = float(levels[1] - levels[0])
@@ -52,10 +52,10 @@ def contours(
 
 
 def drawable(levels: Array, values: Array) -> Array:
-    """Return the levels, evenly spaced, that cut through the field but for plateaus.
+    """Return the levels, evenly spaced, that cut through the field outside plateaus.
 
-    Where 40 % of the map lie within a tenth of an interval of a level (of a field that is spread
-    evenly: a fiftieth), its contours would follow the ripples of a plateau.
+    If 40 % of the map are within a tenth of an interval of a level (of an evenly distributed field:
+    a fiftieth), its contours would follow the ripples of a plateau.
     """
     near = 0.1 * (levels[1] - levels[0])
     inside = levels[(levels > values.min()) & (levels < values.max())]
@@ -103,12 +103,12 @@ class Drawing:
     ) -> None:
         """Draw the field at a time [s] on the map to which the grid belongs.
 
-        ends: of the colour scale, unless the look sets them.
+        ends: those of the colour scale, unless the look sets them.
         """
         values, (_, _, x, y) = self.values(time), self.grid
         low, high = self.look.limits or ends or limits(values, self.kind)
         dx, dy = 0.5 * (x[0, 1] - x[0, 0]), 0.5 * (y[1, 0] - y[0, 0])
-        # of matplotlib, as cartopy would sample an image beyond the edge of the globe again
+        # matplotlib's method, because cartopy would resample an image beyond the edge of the globe
         image = Axes.imshow(
             axes, values, cmap=self.colours, vmin=low, vmax=high, origin="lower",
             interpolation="bilinear",
@@ -176,7 +176,7 @@ def _draw_scale(axes: GeoAxes, image: AxesImage, kind: Field) -> None:
         image, ax=axes, orientation="horizontal", shrink=0.6, aspect=40, pad=0.07, format=numbers
     )
     ends = np.array(image.get_clim(), dtype=float)
-    if np.ptp(ends) < 1e-3 * np.abs(ends).max():  # few numbers fit: they are long
+    if np.ptp(ends) < 1e-3 * np.abs(ends).max():  # few numbers fit, because they are long
         bar.locator = MaxNLocator(4)
     bar.outline.set_linewidth(0.5)
     bar.ax.tick_params(labelsize=9, width=0.5)

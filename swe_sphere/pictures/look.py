@@ -44,14 +44,14 @@ def _numbers(*counts: int) -> Callable[[Any], Any]:
 class Look(
     BaseModel, frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
 ):
-    """Projection, region and colours of a map, and what is drawn over the field."""
+    """Projection, region and colours of a map, and the overlays on the field."""
 
     projection: str = "equal-earth"
     """equal-earth (the default), robinson, lat-lon, orthographic, north-polar, south-polar."""
     centre: Annotated[Pair, BeforeValidator(_numbers(1, 2))] = (0.0, 0.0)
     """Longitude of the middle of the map [degrees], and latitude for orthographic."""
     region: Annotated[Four, BeforeValidator(_numbers(4))] | None = None
-    """Part of the globe that is shown: west, east, south, north [degrees]."""
+    """Region on the map: west, east, south, north [degrees]."""
     limits: Annotated[Pair, BeforeValidator(_numbers(2))] | None = None
     """Ends of the colour scale."""
     levels: Annotated[int, Field(ge=1, le=100)] | None = None

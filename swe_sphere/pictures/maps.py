@@ -24,7 +24,7 @@ from swe_sphere.pictures.look import POLAR, Look
 from swe_sphere.planet import EARTH
 
 APART = (60.0, 30.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05)
-"""Spacings of the meridians [degrees]: the widest that gives four of them is drawn."""
+"""Spacings of the meridians [degrees]: the widest with at least four meridians is drawn."""
 GLOBE = crs.Globe(ellipse=None, semimajor_axis=EARTH.radius, semiminor_axis=EARTH.radius)
 """Globe of all maps: cartopy's own is an ellipsoid."""
 
@@ -83,7 +83,7 @@ def aspect(axes: GeoAxes) -> float:
 
 
 def grid_of(axes: GeoAxes, rows: int) -> MapGrid:
-    """Return a grid of square cells that covers what the axes show.
+    """Return a grid of square cells that covers the visible region of the axes.
 
     Points beyond the edge of the globe have the longitude and latitude of the nearest point on it:
     the axes clip them, and a field that is drawn on the grid reaches up to the edge.
@@ -123,7 +123,7 @@ def draw_graticule(axes: GeoAxes, grid: MapGrid) -> None:
 
 
 def _meridians(grid: MapGrid) -> list[float]:
-    """Round longitudes [degrees] on a grid, also on one that crosses the date line."""
+    """Return round longitudes [degrees] on a grid, also on one that crosses the date line."""
     middle = np.degrees(grid.lon[grid.lon.shape[0] // 2, grid.lon.shape[1] // 2])
     away = (np.degrees(grid.lon) - middle + 180.0) % 360.0 - 180.0
     west, east = middle + away.min(), middle + away.max()
@@ -169,7 +169,7 @@ def draw_winds(axes: GeoAxes, mesh: Mesh, fields: dict[str, Array], how: str) ->
             scale=strongest / (1.2 * apart),
         )  # fmt: skip
     else:
-        # of matplotlib, as cartopy would interpolate the wind to another grid
+        # matplotlib's method, because cartopy would interpolate the wind to another grid
         Axes.streamplot(
             axes, grid.x, grid.y, np.ma.masked_invalid(along), np.ma.masked_invalid(up),
             density=1.6, color="0.1", linewidth=0.35 + 0.75 * speed / strongest, arrowsize=0.6,
@@ -179,7 +179,7 @@ def draw_winds(axes: GeoAxes, mesh: Mesh, fields: dict[str, Array], how: str) ->
 
 
 def _direction(axes: GeoAxes, grid: MapGrid, u: Array, v: Array) -> tuple[Array, Array]:
-    """Places of the points, and unit vectors (..., 2) along the wind there, on a map.
+    """Return the points on a map, and unit vectors (..., 2) along the wind there.
 
     Directions are measured over 1e-4 rad, forwards or backwards, whichever does not leave the map
     or cross its seam.

@@ -43,7 +43,7 @@ def panels(run: RunFile) -> list[Panel]:
     times, series = run.series()
     later = np.where(times > 0.0, 1.0, np.nan)
     errors = {label: series[name] for name, label in ERRORS.items() if name in series}
-    drifts = {  # those below round-off, zero among them, are drawn there
+    drifts = {  # drifts below round-off, including zero, are drawn at round-off
         label: later * np.maximum(np.abs(series[name]), 2.0**-53)
         for name, label in CONSERVED.items()
         if name in series

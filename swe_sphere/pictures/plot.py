@@ -28,7 +28,7 @@ from swe_sphere.pictures.panels import draw_panel, panels
 from swe_sphere.planet import DAY
 
 ROWS, FILM_ROWS = 361, 181
-"""Latitudes of the grid a field is evaluated on: every half degree, of films every degree."""
+"""Number of latitudes of the grid for evaluation: every half degree, in films every degree."""
 DOTS_PER_INCH, FILM_DOTS_PER_INCH = 160, 100
 
 
@@ -41,18 +41,16 @@ def plot_file(
     against: Source | Exact | None = None,
     overwrite: bool = False,
 ) -> Path:
-    """Draw a field of a file on the globe, with its series of errors and drifts underneath.
+    """Draw a field of a file on the globe, with its series of errors and drifts below.
 
-    field: a name in `scalar_fields.FIELDS` or the file; None: what the file's attribute
-    `plot_field` names, else the free surface over orography (and of a reference), and the depth
-    elsewhere.
-    time [s]: the frame, None for the last.
-    out: the picture (its ending says the format); None: beside the file, named after it and the
-    field, and the day if one is asked for, as in jet_vorticity_day4.png.
-    look: projection, colours, overlays.  against: draw the difference from this.
-    overwrite: replace an existing picture.
-    Returns the path of the picture.  Raises ConfigError if the file cannot be read or lacks the
-    field or frame, or if the picture cannot be written.
+    field: a name in `scalar_fields.FIELDS` or the file; None: the one in the file's attribute
+    `plot_field`, otherwise the free surface over orography (and of a reference), and the depth
+    elsewhere. time [s]: the frame, None for the last. out: the picture (its ending selects the
+    format); None: beside the file, named after it, the field and any given day, as in
+    jet_vorticity_day4.png. look: projection, colours, overlays. against: draw the difference from
+    this. overwrite: replace an existing picture. Returns the path of the picture. Raises
+    ConfigError if the file cannot be read or lacks the field or frame, or if the picture cannot be
+    written.
     """
     look, source = look or Look(), open_source(path)
     field = check_field(field or default_field(source), source.about)
@@ -82,7 +80,7 @@ def plot_file(
 
 
 def new_figure() -> Figure:
-    """An empty figure whose parts make room for each other."""
+    """Return an empty figure whose parts make space for each other."""
     return Figure(layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.1))
 
 
@@ -93,7 +91,7 @@ def default_field(source: Source) -> str:
 
 
 def size(axes: GeoAxes, panel: bool = False) -> tuple[float, float]:
-    """Width and height of a figure with a map [inches]; panel: with curves underneath."""
+    """Return width and height of a figure with a map [inches]; panel: with curves below."""
     return 9.6, 2.3 + 9.0 * min(aspect(axes), 0.75) + (2.9 if panel else 0.0)
 
 
@@ -104,7 +102,7 @@ def draw_state(
 
     ax: axes of cartopy, whose projection and extent replace those of the look; None: a new figure.
 
-    Raises ConfigError for a field that is missing, and for axes that are not of cartopy.
+    Raises ConfigError for a missing field, and for axes that are not of cartopy.
     """
     look, field = look or Look(), check_field(field or default_field(state), state.fields)
     if ax is None:
@@ -133,9 +131,9 @@ def animate_file(
 ) -> Path:
     """Draw all frames of a run as a film, with one scale of colours.
 
-    field, look: as for `plot_file`.  out: ends in .mp4, which needs the package imageio-ffmpeg, or
-    in .gif; None: beside the file.  rate: frames a second.  overwrite: replace an existing film.
-    Returns out, which gets its name when it is whole.  Raises ConfigError if the file cannot be
+    field, look: as for `plot_file`. out: ends in .mp4, which needs the package imageio-ffmpeg, or
+    in .gif; None: beside the file. rate: frames per second. overwrite: replace an existing film.
+    Returns out, which gets its name when it is complete. Raises ConfigError if the file cannot be
     read or has less than two frames, or if the film cannot be written.
     """
     source, look = RunFile(path), look or Look()
@@ -162,7 +160,7 @@ def animate_file(
 
 
 def _film_writer(out: Path, rate: Any) -> PillowWriter | FFMpegWriter:
-    """Return what writes a film; settings of matplotlib say where the encoder is."""
+    """Return the writer of a film; settings of matplotlib give the path of the encoder."""
     if out.suffix not in (".mp4", ".gif"):
         raise ConfigError(f"cannot draw {out}: give a name ending in .mp4 or .gif")
     if not 0.1 <= rate <= 120.0:
@@ -180,10 +178,10 @@ def _film_writer(out: Path, rate: Any) -> PillowWriter | FFMpegWriter:
 
 
 class LivePicture:
-    """Draws a field over the picture before; a map of longitude by latitude, two rows a line.
+    """Draws a field over the previous picture: a map of longitude by latitude, two rows per line.
 
-    field: its name, or "auto" for what suits the scene.  own: names of user-defined fields.
-    Raises ConfigError for an unknown field.
+    field: its name, or "auto" for the scene's default. own: names of user-defined fields. Raises
+    ConfigError for an unknown field.
     """
 
     def __init__(self, field: str, own: Iterable[str] = ()) -> None:
@@ -193,7 +191,7 @@ class LivePicture:
         self._low, self._high = np.inf, -np.inf
 
     def check_terminal(self) -> None:
-        """Raise ConfigError where there is no terminal with colours to draw on."""
+        """Raise ConfigError if there is no terminal with colours to draw on."""
         if not self._console.is_terminal or self._console.color_system is None:
             raise ConfigError(
                 "live: pictures need a terminal with colours; leave it out, or draw with --plot"
@@ -207,7 +205,7 @@ class LivePicture:
             self._drawing = Drawing(frame, name, Look(contours=False), self._grid())
         self._drawing.source = frame
         values, kind = self._drawing.values(time), self._drawing.kind
-        low, high = limits(values, kind)  # one scale of colours, which widens where it must
+        low, high = limits(values, kind)  # one scale of colours, which widens if necessary
         self._low, self._high = min(low, self._low), max(high, self._high)
         share = (values[::-1] - self._low) / (self._high - self._low)
         colours = self._drawing.colours(share, bytes=True)[..., :3]

@@ -1,7 +1,7 @@
 """Communication between the ranks of a run: a single process, or the processes that MPI started.
 
-Each rank holds the whole mesh on the host and steps its part of it.  Every rank computes for itself
-what follows from the same numbers: decisions of all ranks agree because their bits do.
+Each rank holds the whole mesh on the host and steps its part of it. Every rank decides for itself
+from the same numbers: decisions of all ranks agree because their bits do.
 """
 
 import atexit
@@ -28,11 +28,11 @@ from swe_sphere.ranks.limits import keep_to_one_thread
 T = TypeVar("T")
 
 SIZES = ("OMPI_COMM_WORLD_SIZE", "MV2_COMM_WORLD_SIZE", "PMI_SIZE")
-"""Environment variables in which a launcher of ranks states their number."""
+"""Environment variables in which a launcher states the number of ranks."""
 OF_RANKS = "PMI_RANK", "OMPI_COMM_WORLD_RANK", "MV2_COMM_WORLD_RANK", "PMIX_RANK"
 """Environment variables in which a launcher states the rank of a process."""
 NAMED, RANK = "SWE_SPHERE_NAMED_RANKS", "swe-sphere rank: "
-"""Variable with which our launcher has each rank print its number and process, and its prefix."""
+"""Variable that makes each rank print its number and process, and the prefix of that line."""
 PATIENCE = 4.0
 """Seconds that a failing rank waits for the others to fail too."""
 
@@ -41,7 +41,7 @@ Arrays = Mapping[int, Any]
 
 
 class Messages:
-    """Messages between the same arrays again and again: persistent requests of MPI."""
+    """Repeated messages between the same arrays: persistent requests of MPI."""
 
     def __init__(self, comm: Any, outgoing: Arrays, incoming: Arrays) -> None:
         """Prepare one message for each array; `comm` is a communicator of mpi4py."""
@@ -60,9 +60,9 @@ class Messages:
 
 
 def _complete(test: Callable[[], bool], patience: float = math.inf) -> bool:
-    """Poll until the test holds, at most `patience` seconds; returns whether it does.
+    """Poll until the test holds, at most `patience` seconds; return whether it holds.
 
-    MPI itself polls without pause and would keep the core from ranks that have work to do.
+    MPI itself polls without pause and would take the core from ranks that have work to do.
     """
     began = time.monotonic()
     while not test():
@@ -110,7 +110,7 @@ class Communicator:
     def reaches(self, device: str) -> bool:
         """Return whether messages need no copies between a device and the host.
 
-        MPI reaches the memory of CPUs always, that of GPUs where it was built for them.
+        MPI always reaches the memory of CPUs, and that of GPUs if it was built for them.
         """
         if not self.shared or device == "cpu":
             return True
@@ -122,7 +122,7 @@ class Communicator:
     ) -> NDArray[Any]:
         """Return the arrays of all ranks, of one number type, flat and one after the other.
 
-        counts: the size of the array of each rank; out: room for all of several ranks.
+        counts: the size of the array of each rank; out: an array for those of several ranks.
         """
         if not self.shared:
             return mine.ravel()
@@ -140,7 +140,7 @@ class Communicator:
         return list(self._comm.allgather(mine)) if self.shared else [mine]
 
     def on_root(self, function: Callable[[], T]) -> T:
-        """Return, or raise, what the function does on rank 0, which alone calls it."""
+        """Return the function's result, or raise its error, from a call on rank 0 alone."""
         if not self.shared:
             return function()
         told: tuple[T | None, Exception | None] = None, None
@@ -158,7 +158,7 @@ class Communicator:
     def any_lately(self, mine: bool) -> bool:
         """Return whether `mine` held on any of several ranks in the call before this one.
 
-        Its message travels while ranks compute.  A single process returns `mine`.
+        Its message travels while ranks compute. A single process returns `mine`.
         """
         if not self.shared:
             return mine
@@ -175,12 +175,12 @@ class Communicator:
 
     @contextmanager
     def root_first(self) -> Iterator[None]:
-        """Have the other ranks enter the block when rank 0 has left it."""
+        """Make the other ranks enter the block when rank 0 has left it."""
         if self.rank:
             self._wait_for_all()
         try:
             yield
-        finally:  # where rank 0 fails, the others enter and fail too
+        finally:  # if rank 0 fails, the others enter and fail too
             if not self.rank:
                 self._wait_for_all()
 
@@ -189,12 +189,12 @@ class Communicator:
             _complete(self._comm.Ibarrier().Test)
 
     def _fail(self, kind: type[BaseException], error: BaseException, trace: Any) -> None:
-        """End all ranks after an exception that nothing caught: others may wait for this one."""
+        """End all ranks after an uncaught exception: others may wait for this one."""
         self._tell(kind, error, trace)
         self.agree_to_fail(f"{kind.__name__}: {error}")
 
     def agree_to_fail(self, line: str) -> None:
-        """Return where all ranks fail within `PATIENCE`; else print the line and end all ranks."""
+        """If all ranks fail within `PATIENCE`; otherwise print the line and end all ranks."""
         if self.shared and not _complete(self._failures.Ibarrier().Test, PATIENCE):
             sys.stderr.write(f"swe-sphere: rank {self.rank} of {self.size}: {line}\n")
             time.sleep(0.2)  # so that mpiexec prints the line before it ends all ranks
@@ -211,9 +211,9 @@ def _end_with(parent: int) -> None:
 
 @functools.cache
 def world() -> Communicator:
-    """Return the communicator of this process and the ranks beside it.
+    """Return the communicator of this process and the other ranks.
 
-    Raises ConfigError where the process was started as one of several and mpi4py is missing, or
+    Raises ConfigError if the process was started as one of several and mpi4py is missing, or
     belongs to another MPI.
     """
     started = started_ranks()
@@ -241,7 +241,7 @@ def world() -> Communicator:
 def started_ranks() -> int | None:
     """Return the number of ranks started with this process; 0 if it is unknown.
 
-    None stands for a process that was not started as a rank, for example by a rank.
+    None stands for a process that is not a rank, for example one started by a rank.
     """
     said = [os.environ[name] for name in SIZES if name in os.environ]
     socket = "" if len(said) > 1 else os.environ.get("PMI_FD", "")  # of an outer MPI
@@ -253,12 +253,12 @@ def started_ranks() -> int | None:
 
 
 def leave_ranks() -> None:
-    """Make this process, which a rank started, no rank itself."""
+    """Make this process, which a rank started, an independent process."""
     for name in (*SIZES, *OF_RANKS, "PMI_FD"):
         os.environ.pop(name, None)
 
 
 def refuse_ranks() -> None:
-    """Raise ConfigError where several ranks were started for work that they cannot share."""
+    """Raise ConfigError if several ranks were started for work that they cannot share."""
     if world().size > 1:
         raise ConfigError("only a run of a scene is for several ranks: start this alone")

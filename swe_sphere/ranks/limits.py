@@ -15,17 +15,17 @@ from swe_sphere.errors import SweError
 
 
 class GivenUp(SweError):
-    """A step is given up, because the user asked to stop or the time is used up."""
+    """Raised to interrupt a step, because the user asked to stop or the time is used up."""
 
 
 stop_is_asked: ContextVar[Callable[[], bool]] = ContextVar("asked", default=lambda: False)
 """Function of the loop of steps; it returns whether the loop is to stop."""
 command_began: ContextVar[float] = ContextVar("began")
-"""Beginning of the present command [s, of time.monotonic], from which its time limit counts."""
+"""Start of the present command [s, of time.monotonic], from which its time limit counts."""
 
 
 def check_stop() -> None:
-    """Raise GivenUp where the loop that takes the present step is to stop.
+    """Raise GivenUp if the loop that takes the present step is to stop.
 
     Long steps call it within them, on all ranks at the same point of their work.
     """
@@ -34,7 +34,7 @@ def check_stop() -> None:
 
 
 def process_age() -> float:
-    """Return the wall time since this process was started [s]; 0 where it is unknown."""
+    """Return the wall time since this process was started [s]; 0 if it is unknown."""
     with suppress(OSError, ValueError, IndexError, AttributeError):
         started = Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19]
         now = time.clock_gettime(time.CLOCK_BOOTTIME)
@@ -51,7 +51,7 @@ def _libraries(scipy: bool) -> ThreadpoolController:
 def one_thread() -> AbstractContextManager[object]:
     """Limit BLAS to one thread within a block.
 
-    The libraries of numpy and scipy each have threads that spin: together fifty times slower.
+    The libraries of numpy and scipy each have spinning threads: together fifty times slower.
     """
     libraries = _libraries("scipy.linalg" in sys.modules)
     limited: AbstractContextManager[object] = libraries.limit(limits=1, user_api="blas")
@@ -61,7 +61,7 @@ def one_thread() -> AbstractContextManager[object]:
 def keep_to_one_thread() -> None:
     """Limit BLAS to one thread in this process, unless OPENBLAS_NUM_THREADS says otherwise.
 
-    The limit holds for libraries loaded later, too.  Processes that share a machine need it: their
+    The limit also holds for libraries loaded later. Processes that share a machine need it: their
     spinning threads would wait for each other.
     """
     if os.environ.setdefault("OPENBLAS_NUM_THREADS", "1") == "1":
@@ -69,7 +69,7 @@ def keep_to_one_thread() -> None:
 
 
 def available_memory() -> float | None:
-    """Return the memory [bytes] that this process may still occupy; None where it is unknown.
+    """Return the memory [bytes] that this process may still occupy; None if it is unknown.
 
     The machine, its container and the batch job (control groups of Linux) each have a limit.
     """

@@ -1,4 +1,4 @@
-"""Classes by name, each put into its registry where it is defined."""
+"""Classes by name; each class registers itself where it is defined."""
 
 from collections import UserDict
 from collections.abc import Callable, Mapping
@@ -11,7 +11,7 @@ from swe_sphere.files.user_file import file_contents, is_user_file, load_file
 
 
 class Named(Protocol):
-    """A class with a name by which users call it."""
+    """A class with a name that users type."""
 
     name: ClassVar[str]
 
@@ -20,17 +20,17 @@ T = TypeVar("T", bound=Named)
 
 
 def first_line(documented: Any) -> str:
-    """Return the first line of a docstring; the empty text where there is none."""
+    """Return the first line of a docstring; the empty text if there is none."""
     return next(iter((documented.__doc__ or "").strip().splitlines()), "")
 
 
 class Registry(UserDict[str, type[T]]):
-    """The classes of one kind by name, in an order of their own.
+    """The classes of one kind by name, in a defined order.
 
     A class that is defined again (a cell of a notebook) replaces the earlier one.
 
     Args:
-        kind: what the classes are, for messages.
+        kind: kind of the classes, for messages.
         order: sort key; classes of the same key keep the order of their definition.
         aliases: names by other names, which `find` accepts too.
     """
@@ -46,7 +46,7 @@ class Registry(UserDict[str, type[T]]):
         self._files: dict[Path, tuple[bytes, type[T]]] = {}
 
     def add(self, cls: type[T]) -> None:
-        """Enter a class by its name; ConfigError where the name belongs to another."""
+        """Register a class by its name; ConfigError if the name belongs to another."""
         there = self.get(cls.name, cls)
         if (there.__module__, there.__qualname__) != (cls.__module__, cls.__qualname__):
             raise ConfigError(
@@ -59,8 +59,8 @@ class Registry(UserDict[str, type[T]]):
     def find(self, which: str | Path | type[T]) -> type[T]:
         """Return the class of that name or alias, the one in that Python file, or the class itself.
 
-        Raises ConfigError where there is none of that name (the nearest is named), the file fails
-        or does not define exactly one, or the class lacks methods.
+        Raises ConfigError if there is none of that name (the message names the nearest), if the
+        file fails or does not define exactly one, or if the class lacks methods.
         """
         if isinstance(which, type):
             found = which
@@ -79,7 +79,7 @@ class Registry(UserDict[str, type[T]]):
     def _loaded(self, path: Path) -> type[T]:
         """Return the class in a file, the same one as long as the file has not been edited.
 
-        The class does not stay among those known by name.
+        The class is not registered by name.
         """
         contents, before = file_contents(path, self.kind), self.data
         if path not in self._files or self._files[path][0] != contents:

@@ -1,4 +1,4 @@
-"""Conversion of what users give, as text, in TOML or from Python, to values of the right type.
+"""Conversion of user input, as text, in TOML or from Python, to values of the right type.
 
 Settings read "owner.parameter=value"; the owner is an effect, the scene or the stepper.
 """
@@ -14,15 +14,15 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from swe_sphere.errors import ConfigError, shown
 
 SCENE, STEPPER = "scene", "stepper"
-"""Owners of settings that are no effects."""
+"""Owners of settings that are not effects."""
 
 M = TypeVar("M", bound=BaseModel)
 
 _FLAGS = {"settings": "set", "as_json": "json"}
-"""Fields whose flags are called otherwise."""
+"""Flags whose names differ from their fields."""
 _NOUNS = {float: "a number", int: "a whole number", bool: "true or false"}
 _DEFAULT = "default"
-"""The word that stands for None, where None is a choice."""
+"""Word that stands for None if None is a choice."""
 
 
 def names_in(text: str | None) -> list[str]:
@@ -37,7 +37,7 @@ class Setting(NamedTuple):
     """Name of an effect, `SCENE` or `STEPPER`."""
     parameter: str
     value: Any
-    """The value, or text that can be read as such; None where the default is meant."""
+    """The value, or text that can be read as such; None for the default."""
 
     def __str__(self) -> str:
         value = _DEFAULT if self.value is None else self.value
@@ -49,7 +49,7 @@ def read_settings(given: object) -> tuple[Setting, ...]:
 
     Args:
         given: one text, a list of texts and settings, or a mapping: {"owner": {"parameter": value}}
-            as TOML has it, or {"owner.parameter": value}.
+            as in TOML, or {"owner.parameter": value}.
 
     Raises ConfigError for a text or a mapping of another form.
     """
@@ -85,7 +85,7 @@ def _setting(item: Any) -> Setting:
 
 
 def _plain(value: Any) -> object:
-    """Return a value that JSON can hold where the value is a scalar of an array, or a path."""
+    """Return a scalar of an array or a path as a value that JSON supports, others unchanged."""
     if getattr(value, "ndim", None) == 0 and hasattr(value, "item"):
         return value.item()
     return str(value) if isinstance(value, Path) else value
@@ -100,16 +100,16 @@ def by_owner(settings: Iterable[Setting]) -> dict[str, dict[str, Any]]:
 
 
 def convert(label: str, kind: Any, value: object, finite: bool = True) -> Any:
-    """Return the value as the type that an annotation names.
+    """Return the value converted to the type of an annotation.
 
     Args:
-        label: what the value is for, which begins the message.
+        label: purpose of the value, which begins the message.
         kind: float, int, bool, str, Path, `Literal[...]` of words or numbers, or one of these
             `| None`, where "default" stands for None.
         value: a value, or text that can be read as such.
-        finite: whether numbers have to be finite.
+        finite: True if numbers must be finite.
 
-    Raises ConfigError where the value cannot be read.
+    Raises ConfigError if the value cannot be read.
     """
     given = value.strip() if isinstance(value, str) else value
     other = ""
@@ -136,7 +136,7 @@ def convert(label: str, kind: Any, value: object, finite: bool = True) -> Any:
 
 
 def complaint(error: ValidationError) -> str:
-    """Return what a value must be: the first thing that pydantic finds wrong."""
+    """Return the condition that a value must meet: the first error that pydantic finds."""
     first = error.errors(include_url=False)[0]
     if first["type"] == "too_short":
         return "must not be empty"
@@ -145,7 +145,7 @@ def complaint(error: ValidationError) -> str:
 
 
 def place_and_complaint(error: ValidationError) -> str:
-    """Return the first thing that is wrong in the tables of a file, after its place."""
+    """Return the first error in the tables of a file, after its position."""
     where = ".".join(str(part) for part in error.errors(include_url=False)[0]["loc"])
     return f"{where}: {complaint(error)}" if where else complaint(error)
 
@@ -175,13 +175,13 @@ def flag_of(field: str) -> str:
 
 
 def by_field(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a table by the names of fields, from one by the names of flags."""
+    """Return a table by the names of fields from one by the names of flags."""
     fields = {flag: field for field, flag in _FLAGS.items()}
     return {fields.get(key, key.replace("-", "_")): value for key, value in table.items()}
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the table in a file in UTF-8; ConfigError where it cannot be read or is no TOML."""
+    """Return the table in a file in UTF-8; ConfigError if it cannot be read or is not TOML."""
     try:
         if b"\0" in path.read_bytes():
             raise ConfigError(f"{path} is not in UTF-8 but in UTF-16, or no text: save it in UTF-8")
