@@ -73,8 +73,8 @@ def explicit_spectrum(model: Model, state: wp.array, t: float = 0.0) -> Spectrum
 
     They are those of advection and, if it is slow, of the Coriolis force. F - L has larger
     eigenvalues, of both together, but with implicit gravity waves these modes do not grow
-    (docs/results/imex_steps.md). With custom effects all of F - L counts. Raises ConfigError for a scene
-    without gravity waves.
+    (docs/results/imex_steps.md). With custom effects all of F - L counts. Raises ConfigError for a
+    scene without gravity waves.
     """
     at_rest = state_of_rest(model)
     inertial = INERTIAL * float(np.abs(model.coriolis).max())

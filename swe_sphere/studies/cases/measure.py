@@ -87,7 +87,7 @@ def _stepped(case: Case, sim: Simulation, tick: Tick | None, *observers: Observe
 
 
 def _errors(case: Case, run: RunConfig, tick: Tick | None) -> Summary:
-    """Run a case and measure, as far as they are defined,
+    """Run a case and measure the following quantities, as far as they are defined.
 
     all of `Simulation.diagnostics` at the end; its errors are those against `Case.against`;
     rms_h, max_h      errors of depth, not normalised [m];
