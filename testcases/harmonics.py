@@ -280,11 +280,11 @@ def turbulence(
     Raises ConfigError for a parameter out of range, and for a wind that 10 km cannot balance.
     """
     if not 2 <= wavenumber <= 40:
-        raise ConfigError(f"turbulence: wavenumber must be 2 to 40, not {wavenumber}")
+        raise ConfigError(f"turbulence: wavenumber must be 2 to 40, got {wavenumber}")
     if not speed > 0.0:
-        raise ConfigError(f"turbulence: speed must be positive, not {speed}")
+        raise ConfigError(f"turbulence: speed must be positive, got {speed}")
     if seed < 0:
-        raise ConfigError(f"turbulence: seed must not be negative, but is {seed}")
+        raise ConfigError(f"turbulence: seed must not be negative, got {seed}")
 
     def spectrum(n: Array) -> Array:
         ratio: Array = np.sqrt(4.0 * n * wavenumber) / (n + wavenumber)  # 1 at the peak

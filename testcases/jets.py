@@ -40,7 +40,7 @@ def galewsky(
         noise: root mean square of the random winds [m s-1].
     """
     if seed < 0:
-        raise ConfigError(f"galewsky: seed must not be negative, but is {seed}")
+        raise ConfigError(f"galewsky: seed must not be negative, got {seed}")
     jet = replace(JET, speed=speed)
     found = random_streamfunction(np.ones_like, 20, noise, EARTH.radius, seed)
     random = BalancedFlow(found, EARTH, 0.0, linear=True)
@@ -91,7 +91,7 @@ def relaxed_jet(time: float = 10.0, perturbed: bool = True) -> Scene:
     Raises ConfigError for a time that is not positive.
     """
     if not 0.0 < time < np.inf:
-        raise ConfigError(f"relaxed-jet: time must be positive and finite, not {time}")
+        raise ConfigError(f"relaxed-jet: time must be positive and finite, got {time}")
     steady = galewsky(perturbed=False).initial
     return build_scene(
         "relaxed-jet",
@@ -178,7 +178,7 @@ def tilted_jet(alpha: float = 0.08, speed: float = 40.0, gaussian: bool = False)
 
     lowest = float(depth(np.array([-1.0, 1.0])).min())
     if not lowest > 0.0:
-        raise ConfigError(f"tilted-jet: a jet of {speed} m/s leaves no water at the pole")
+        raise ConfigError(f"tilted-jet: a jet of {speed} m/s drains the pole: take less")
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
         fixed = lon + EARTH.rotation * t

@@ -114,7 +114,7 @@ def dam_break(width: float = 0.05) -> Scene:
     Raises ConfigError for a width that is not positive.
     """
     if not width > 0.0:
-        raise ConfigError(f"dam-break: width must be positive, not {width}")
+        raise ConfigError(f"dam-break: width must be positive, got {width}")
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
         across = np.tanh((distance(lon, lat, *CENTRE) - np.pi / 9.0) / width)

@@ -116,7 +116,7 @@ def _load(path: Path, parameters: Mapping[str, Parameter], depth: int = 0) -> Sc
             raise ConfigError(f"{path} must define scene(**parameters) -> Scene")
         return guarded(f"scene() of {path}", made, str(path), factory, parameters)
     if depth == DEPTH:
-        raise ConfigError(f"{path}: its bases go round in a circle")
+        raise ConfigError(f"{path}: its bases form a circle")
     file_contents(path, "scene")
     try:
         file = _File.model_validate(read_toml(path))
@@ -146,10 +146,10 @@ def _complaint(error: ValidationError) -> str:
     if first["type"] == "extra_forbidden":
         return f"there is no {key!r} in a scene; there are {', '.join(_File.model_fields)}"
     if first["type"] == "missing":
-        return f'say which scene it changes: {key} = "williamson5"'
+        return f'name the scene that it changes: {key} = "williamson5"'
     if first["loc"][0] == "effects" and len(first["loc"]) > 1:
-        return f"{key} must be false or a table of parameters, not {given}"
-    return f"{key}: {complaint(error)}, not {given}"
+        return f"{key} must be false or a table of parameters, got {given}"
+    return f"{key}: {complaint(error)}, got {given}"
 
 
 SceneFactory = Callable[..., Scene]
@@ -179,7 +179,7 @@ def made(name: str, factory: SceneFactory, given: Mapping[str, Parameter]) -> Sc
     values = checked(name, factory, given)
     scene = factory(**values)
     if not isinstance(scene, Scene):
-        raise ConfigError(f"scene() of {name} must return a Scene, not {type(scene).__name__}")
+        raise ConfigError(f"scene() of {name} must return a Scene, got {type(scene).__name__}")
     known = inspect.signature(factory).parameters
     defaults = {key: p.default for key, p in known.items() if p.default is not p.empty}
     told = {

@@ -64,7 +64,7 @@ def tide(
     Raises ConfigError for a depth out of range.
     """
     if not 1e3 <= depth <= 1e6:
-        raise ConfigError(f"tide: depth must be 1000 m to 1e6 m, not {depth}")
+        raise ConfigError(f"tide: depth must be 1000 m to 1e6 m, got {depth}")
     cycles, amplitude, frequency = TIDES[constituent]
     # of the normalised harmonics of degrees m, m + 1, …: all in degree two
     equilibrium = np.array([0.0, amplitude / np.sqrt(15.0 / 8.0)])[cycles - 1 :]
@@ -205,9 +205,9 @@ def slow_ocean(m: int = 4, n: int = 10, speed: float = 0.1, linear: bool = False
     Raises ConfigError for a wave that does not exist, and for a speed that is not positive.
     """
     if not 1 <= m <= n <= m + 12:  # so that the series of the wave is right to round-off
-        raise ConfigError(f"slow-ocean: m must be at least 1 and n m to m + 12, not {m} and {n}")
+        raise ConfigError(f"slow-ocean: m must be at least 1 and n m to m + 12, got {m} and {n}")
     if not 0.0 < speed <= 10.0:
-        raise ConfigError(f"slow-ocean: speed must be above 0 and at most 10 m/s, not {speed:g}")
+        raise ConfigError(f"slow-ocean: speed must be above 0 and at most 10 m/s, got {speed:g}")
     wave = TidalEquations(m, 4000.0, EARTH).free(n)
     u, v, _ = wave.state(*GaussGrid(64).points, 0.0)
     factor = speed / float(np.hypot(u, v).max())
@@ -261,7 +261,7 @@ def hough(
             f" {k} and {n}"
         )
     if not depth > 0.0:
-        raise ConfigError(f"hough: depth must be positive, not {depth} m")
+        raise ConfigError(f"hough: depth must be positive, got {depth} m")
     mode = hough_wave(wave, k, n, depth, amplitude)
     return build_scene(
         "hough",
@@ -329,7 +329,7 @@ def matsuno(
     Raises ConfigError for a mode that does not exist.
     """
     if k < 1 or n < 1:
-        raise ConfigError(f"matsuno: k and n must be at least 1, not {k} and {n}")
+        raise ConfigError(f"matsuno: k and n must be at least 1, got {k} and {n}")
     mode = EquatorialMode(wave, k, n, amplitude)
 
     return build_scene(

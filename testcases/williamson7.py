@@ -70,7 +70,7 @@ def williamson7(
     """
     if file is None:
         if seed < 0:
-            raise ConfigError(f"williamson7: seed must not be negative, but is {seed}")
+            raise ConfigError(f"williamson7: seed must not be negative, got {seed}")
         title, source = "SYNTHETIC 500 hPa-like flow", "SYNTHETIC initial state"
         initial: State = BalancedFlow(_streamfunction(seed), EARTH, DEPTH, linear=True).state
     else:
@@ -106,14 +106,16 @@ def _streamfunction(seed: int) -> Complex:
 def _analysed(file: Path, degree: int, balanced: bool) -> State:
     """Return the state of a file, by bicubic splines, with a mean depth of 10 km."""
     if not 0 <= degree <= 1000:
-        raise ConfigError(f"williamson7: degree must be from 0 to 1000, but is {degree}")
+        raise ConfigError(f"williamson7: degree must be from 0 to 1000, got {degree}")
     lat, lon, *fields = _read_analysis(file)
     # area mean by the trapezoidal rule in the sine of the latitude
     edges = 0.5 * (np.sin(lat[1:]) + np.sin(lat[:-1]))
     weights = np.diff(edges, prepend=-1.0, append=1.0)
     mean = float(weights @ fields[2].mean(axis=1) / 2.0)
     if fields[2].min() - mean + DEPTH <= 0.0:
-        raise ConfigError(f"{file}: z varies by more than 10 km: is it in m, or m2 s-2 as it says?")
+        raise ConfigError(
+            f"{file}: z varies by more than 10 km: check whether its units are m or m2 s-2"
+        )
     splines = [
         global_spline(lat, lon, field, 3, sign)
         for field, sign in zip(fields, (-1.0, -1.0, 1.0), strict=True)
@@ -197,7 +199,7 @@ def _axis(dataset: Any, ours: str) -> tuple[Any, Array]:
         raise ConfigError(f"{variable.name} must have one dimension and at least 8 values")
     units = getattr(variable, "units", "degrees")
     if not units.startswith("degree"):
-        raise ConfigError(f"{variable.name} must be in degrees, not in {units!r}")
+        raise ConfigError(f"{variable.name} must be in degrees, got {units!r}")
     return variable, _numbers(variable)
 
 
@@ -207,14 +209,14 @@ def _check_grid(lat: tuple[Any, Array], lon: tuple[Any, Array]) -> None:
     if not (np.all(steps > 0.0) or np.all(steps < 0.0)):
         raise ConfigError(f"{name} must rise or fall from pole to pole")
     if largest > 90.0 + 1e-6:
-        raise ConfigError(f"{name} must lie between -90 and 90, not reach {largest:g}")
+        raise ConfigError(f"{name} must lie between -90 and 90, got {largest:g}")
     gap = max(90.0 - values.max(), 90.0 + values.min())
     if gap > 1.5 * np.abs(steps).max():
         raise ConfigError(f"{name} must reach the poles; {gap:.3g} degrees are missing")
     name, count = lon[0].name, lon[1].size
     if count % 2:
         raise ConfigError(
-            f"{name} must be an even number of values, not {count} (is the first one repeated?)"
+            f"{name} must be an even number of values, got {count} (is the first one repeated?)"
         )
     step = 360.0 / count
     if np.abs(np.diff(lon[1]) - step).max() > 1e-3 * step:
@@ -230,14 +232,14 @@ def _field(dataset: Any, ours: str, dims: list[str]) -> Array:
         known |= dict.fromkeys(KNOWN["units"]["geopotential"], 1.0 / EARTH.gravity)
     if units not in known:
         wanted = "'m' (height) or 'm2 s-2' (geopotential)" if ours == "z" else "'m s-1'"
-        raise ConfigError(f"{variable.name} must have units {wanted}, not {units!r}")
+        raise ConfigError(f"{variable.name} must have units {wanted}, got {units!r}")
     sizes = dict(zip(variable.dimensions, variable.shape, strict=True))
     levels = {d: _level(dataset, d) for d in sizes if d not in dims}
     kept = [d for d, n in sizes.items() if n > 1 and not isinstance(levels.get(d), int)]
     if sorted(kept) != sorted(dims):
         shape = ", ".join(f"{d}={n}" for d, n in sizes.items())
         raise ConfigError(
-            f"{variable.name} must be on ({', '.join(dims)}), not on ({shape}): take one level and"
+            f"{variable.name} must be on ({', '.join(dims)}), got ({shape}): take one level and"
             " time"
         )
     values = _numbers(variable, tuple(levels.get(d, slice(None)) for d in sizes)).squeeze()

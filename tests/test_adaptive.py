@@ -147,7 +147,7 @@ def test_a_first_step_that_is_too_large_is_taken_back_and_noted(moving) -> None:
     stepper.step()
     cuts = stepper.cuts
     assert len(cuts) == stepper.counters["rejected_steps"] >= 2
-    text = "at 0 s a step of {} s was taken back: relative error of a step "
+    text = "at 0 s a step of {} s was rejected: relative error of a step "
     assert cuts[0].startswith(text.format(7200)) and cuts[0].endswith(" above 1e-07")
     assert cuts[1].startswith(text.format(3600))
     assert error(moving, "esdirk4", 1e-7, first=OUTER) < 1.5e-6
@@ -170,7 +170,7 @@ def test_a_step_that_cannot_be_solved_is_halved(moving, monkeypatch) -> None:
     seen = failing_above(stepper, 2000.0, monkeypatch)
     stepper.step()
     assert [dt for _, dt in seen[:3]] == [OUTER, OUTER / 2, OUTER / 4]
-    assert stepper.cuts[0] == "at 0 s a step of 7200 s was taken back: no way"
+    assert stepper.cuts[0] == "at 0 s a step of 7200 s was rejected: no way"
     assert stepper.counters["accepted_steps"] + stepper.counters["rejected_steps"] == len(seen)
 
 

@@ -68,12 +68,12 @@ def test_a_search_keeps_to_its_budget() -> None:
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (("williamson5", "--error", "0"), "error: must be greater than 0, not 0.0"),
+        (("williamson5", "--error", "0"), "error: must be greater than 0, got 0.0"),
         (("williamson5", "--error", "nan"), "error: must be a finite number"),
         (("williamson5", "--error", "2"), "error: must be less than 1"),
         (("williamson5", "--error", "1e-3", "--budget", "0"), "budget: must be greater than 0"),
         (("williamson55", "--error", "1e-3"), "unknown scene 'williamson55'; did you mean"),
-        (("williamson5",), "error: say how large the error may be at the end (--error 1e-3)"),
+        (("williamson5",), "error: give the largest error at the end (--error 1e-3)"),
     ],
 )
 def test_what_cannot_be_advised_on_is_one_line(arguments, line, capsys) -> None:

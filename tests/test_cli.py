@@ -157,8 +157,8 @@ def lat_lon_file(tmp_path):
 MISTAKES = {
     "run wiliamson2": "unknown scene 'wiliamson2'; did you mean 'williamson2'",
     "regrid damaged.nc --grid a/b": "damaged.nc",
-    "verify --quick --resume": "resume: say what to go on with (--out), or leave it out",
-    "stress --quick --resume": "resume: say what to go on with (--out), or leave it out",
+    "verify --quick --resume": "resume: name the page to resume with --out, or leave resume out",
+    "stress --quick --resume": "resume: name the page to resume with --out, or leave resume out",
     "run williamson2 --stepper rk5": "unknown stepper 'rk5'; did you mean 'rk4'",
     "run williamson2 --stepper fuly-implicit": "did you mean 'fully-implicit'",
     "run williamson2 --tolerance 1e-4": "stepper rk4 has no option 'tolerance'",
@@ -168,14 +168,14 @@ MISTAKES = {
     "run williamson2 --ne 2 --stepper bdf2 --preconditioner helmhotz": "mean 'helmholtz'",
     "run williamson2 --stepper bdf2 --set stepper.order=5": "it has tolerance, preconditioner",
     "run williamson2 --stepper bdf2 --set stepper.tolerance=x": "tolerance must be a number",
-    "run williamson2 --stepper bdf2 --set stepper.=1": "stepper.parameter=value, not 'stepper.=1'",
+    "run williamson2 --stepper bdf2 --set stepper.=1": "stepper.parameter=value, got 'stepper.=1'",
     "run williamson2 --stepper bdf2 --tolerance 0.1 --set stepper.tolerance=0.1": "given twice",
-    "run": "scene: say which one",
+    "run": "scene: name one",
     "run own.py": "there is no scene file own.py",
     "run williamson2 --dt -1": "dt: must be a positive number",
     "run williamson2 --dt 0": "dt: must be a positive number",
     "run williamson2 --dt nan": "dt: must be a positive number",
-    "run williamson2 --dt soon": "dt: must be a positive number of seconds or 'auto', not 'soon'",
+    "run williamson2 --dt soon": "dt: must be a positive number of seconds or 'auto', got 'soon'",
     "run williamson2 --ne 2 --dt 1e-99": "dt=1e-99 s means more than",
     "run williamson2 --ne 0": "ne=0: a cube edge must have at least one element",
     "run williamson2 --ne -1": "ne=-1: a cube edge must have at least one element",
@@ -192,7 +192,7 @@ MISTAKES = {
     "sweep williamson2 --steppers rk4 --days 0 --out d": "days: must be greater than 0",
     "run williamson2 --every 0": "every: must be greater than 0",
     "run williamson2 --every 1e308": "every: must be less than or equal to",
-    "run williamson2 --ne 2 --set viscosity.nu=1e308": "the equations overflow at the start",
+    "run williamson2 --ne 2 --set viscosity.nu=1e308": "the equations overflow in the initial state",
     "run williamson2 --ne 2 --set relaxation.time=1e-320": "of relaxation: rate must be finite",
     "run williamson2 --ne 2 --device cuda:0": "device 'cuda:0'",
     "run williamson2 --ne 2 --device abacus": "device 'abacus'",
@@ -201,9 +201,9 @@ MISTAKES = {
     "run williamson2 --launch tile": "launch: must be 'element' or 'node'",
     "run williamson2 --set orography.height=1": "has no effect 'orography'; it has",
     "run williamson2 --set viscosity.mu=1": "has no parameter 'mu'; it has nu",
-    "run williamson2 --set viscosity.nu": "effect.parameter=value, not 'viscosity.nu'",
+    "run williamson2 --set viscosity.nu": "effect.parameter=value, got 'viscosity.nu'",
     "run williamson2 --set viscosity.nu=-1": "viscosity.nu must be finite and not negative",
-    "run williamson2 --set scene.alpha": "scene.parameter=value, not 'scene.alpha'",
+    "run williamson2 --set scene.alpha": "scene.parameter=value, got 'scene.alpha'",
     "run williamson2 --set scene.beta=1": "has no parameter 'beta'; it has alpha",
     "run williamson2 --alpha 0 --set scene.alpha=1": "alpha is given twice",
     "run williamson2 --out nowhere/a.nc": "out: there is no folder nowhere",
@@ -239,7 +239,7 @@ def test_a_mistake_gets_one_line_and_status_2(swe, tmp_path, line):
 def test_a_page_of_somebody_else_is_not_replaced(swe, tmp_path, command):
     (tmp_path / "page.md").write_text("# Mine\n")
     status, out, err = swe(*command.split(), "--out", "page.md")
-    assert (status, out) == (2, "") and "page.md is no such page" in err
+    assert (status, out) == (2, "") and "page.md is not such a page" in err
     assert (tmp_path / "page.md").read_text() == "# Mine\n"
 
 
@@ -267,7 +267,7 @@ def test_a_failed_run_says_why_and_leaves_with_1(swe):
     assert (status, numbers["completed"], numbers["l2_h"]) == (1, False, None)
     *warnings, reason = err.splitlines()
     assert sum("times the stability limit" in warning for warning in warnings) == 1
-    assert reason == f"swe-sphere: {numbers['reason']}; a.nc keeps what was written"
+    assert reason == f"swe-sphere: {numbers['reason']}; a.nc keeps all that was written"
 
 
 def test_an_old_file_survives_a_mistake(swe, tmp_path):
@@ -308,7 +308,7 @@ def test_a_run_out_of_time_says_how_it_goes_on(swe):
     options = ("--ne", 3, "--dt", 600, "--days", 20, "--every", 240, "--out", "a b.nc")
     status, _, err = swe("run", "my flow.toml", *options, "--time-limit", 0.002)
     line = err.splitlines()[-1]
-    assert (status, line.partition(": it goes on with: ")[0]) == (1, "swe-sphere")
+    assert (status, line.partition(": resume with: ")[0]) == (1, "swe-sphere")
     steps = json.loads(RunFile("a b.nc").attributes["summary"])["steps"]
     command = shlex.split(line.partition("swe-sphere run ")[2])
     status, out, _ = swe("run", *command, "--json")
@@ -343,7 +343,7 @@ def test_ctrl_c_keeps_the_file_and_leaves_with_130(tmp_path):
     out, err = run.communicate(timeout=300)
     numbers = json.loads(out)
     assert run.returncode == 130 and numbers["completed"] is False
-    assert err.endswith(f"swe-sphere: {numbers['reason']}; {file} keeps what was written\n")
+    assert err.endswith(f"swe-sphere: {numbers['reason']}; {file} keeps all that was written\n")
     assert RunFile(file).times[-1] == pytest.approx(numbers["days"] * 86400.0)
 
 

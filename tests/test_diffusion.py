@@ -187,9 +187,9 @@ def test_apart_it_costs_an_implicit_stepper_no_iterations() -> None:
 
 def test_what_cannot_have_it_apart_says_so() -> None:
     model = Model(MESH, make_scene("pressure", "hyperviscosity"))
-    with pytest.raises(ConfigError, match="take it whole"):
+    with pytest.raises(ConfigError, match="use diffusion=whole"):
         STEPPERS["bdf2"](model, 900.0, diffusion="apart")
-    with pytest.raises(ConfigError, match="take it whole"):
+    with pytest.raises(ConfigError, match="use diffusion=whole"):
         AdaptiveSteps(STEPPERS["tr-bdf2"](model, 900.0, diffusion="apart"), 1e-3)
     with pytest.raises(ConfigError, match="whole or apart"):
         STEPPERS["tr-bdf2"](model, 900.0, diffusion="lagged")

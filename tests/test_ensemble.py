@@ -161,8 +161,8 @@ def test_a_member_whose_file_does_not_say_its_length_is_not_kept(tmp_path):
 @pytest.mark.parametrize(
     ("values", "seeds", "error", "message"),
     [
-        ({}, (1,), ConfigError, "give 2 to 1000 different ones, not 1"),
-        ({}, (1, 1), ConfigError, "different ones, not 1,1"),
+        ({}, (1,), ConfigError, "give 2 to 1000 different ones, got 1"),
+        ({}, (1, 1), ConfigError, "different ones, got 1,1"),
         ({}, (-1, 1), ConfigError, "galewsky: seed must not be negative"),
         ({"scene": "williamson2"}, (1, 2), ConfigError, "has no parameter 'seed'"),
         ({"dt": 20000.0, "days": 5.0}, (1, 2), RunFailed, "seed 1: "),
@@ -181,7 +181,7 @@ def test_a_table_or_picture_of_somebody_else_is_not_replaced(tmp_path, capsys, n
     with pytest.raises(SystemExit, match="2"):
         main(line)
     err = capsys.readouterr().err
-    assert f"{name} is of no ensemble, and would be replaced" in err and err.count("\n") == 1
+    assert f"{name} is not of an ensemble, and would be replaced" in err and err.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == [name]
     for more in (["--overwrite"], []):
         with pytest.raises(SystemExit, match="0"):
@@ -192,7 +192,7 @@ def test_a_table_or_picture_of_somebody_else_is_not_replaced(tmp_path, capsys, n
 def test_seeds_that_are_none(tmp_path, capsys):
     with pytest.raises(SystemExit, match="2"):
         main(["ensemble", "galewsky", "--seeds", "1-x", "--folder", str(tmp_path)])
-    assert "seeds: give whole numbers, 1,2,3 or 1-8, not '1-x'" in capsys.readouterr().err
+    assert "seeds: give whole numbers, 1,2,3 or 1-8, got '1-x'" in capsys.readouterr().err
 
 
 def test_a_moved_folder_keeps_its_members(tmp_path):
@@ -226,7 +226,7 @@ def test_ctrl_c_ends_an_ensemble_with_130_and_the_same_command_goes_on(tmp_path,
     ("more", "said"),
     [
         (["--field", "b"], "it is the same in all members"),
-        (["--fields", "h,u"], "the field 'vorticity' is not there; there are h, u, b"),
+        (["--fields", "h,u"], "the field 'vorticity' is missing; there are h, u, b"),
         (["--seeds", "1-2000000000"], "give 2 to 1000 different ones"),
     ],
 )

@@ -62,7 +62,7 @@ def test_the_tilted_jet_converges(gaussian):
 
 
 def test_a_jet_that_leaves_no_water_is_refused():
-    with pytest.raises(ConfigError, match="leaves no water"):
+    with pytest.raises(ConfigError, match="drains the pole"):
         get_scene("tilted-jet", speed=200.0)
 
 

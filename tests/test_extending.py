@@ -160,7 +160,7 @@ def test_the_same_file_gives_the_same_class_until_it_is_edited(here) -> None:
         (RK + "class A(RungeKutta):\n    name = 'a'\n", "stepper a has no `order`"),
         (
             RK + EULER.format("A", "one") + "    family = 'mine'\n",
-            "stepper one: `family` is one of explicit, .*, not 'mine'",
+            "stepper one: `family` must be one of explicit, .*, got 'mine'",
         ),
     ],
 )
@@ -201,7 +201,7 @@ def test_a_failing_step_names_the_line(here) -> None:
 
 @pytest.mark.parametrize(
     ("limit", "message"),
-    [("'long'", "stable_dt of stepper low-storage must be a number, not 'long'"),
+    [("'long'", "stable_dt of stepper low-storage must be a number, got 'long'"),
      ("0.0", "the stability limit of low-storage is 0 s: choose a step with --dt"),
      ("float('nan')", "the stability limit of low-storage is nan s: choose a step"),
      ("-5", "the stability limit of low-storage is -5 s: choose a step")],

@@ -51,7 +51,7 @@ def test_the_printed_command_keeps_recorded_diagnostics(tmp_path, monkeypatch, c
     words += ["--diagnostics", "d.py", "--out"]
     assert command(*words, "whole.nc") == 0
     assert command(*words, "run.nc", "--time-limit=1e-9") == 1
-    printed = capsys.readouterr().err.partition("it goes on with: swe-sphere ")[2].splitlines()[0]
+    printed = capsys.readouterr().err.partition("resume with: swe-sphere ")[2].splitlines()[0]
     assert command(*shlex.split(printed)) == 0
     ours, right = open_run("run.nc"), open_run("whole.nc")
     assert ours.deepest.attrs == right.deepest.attrs

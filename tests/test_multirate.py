@@ -160,5 +160,5 @@ def test_substeps_follow_from_the_waves_or_are_given(small_mesh) -> None:
         stepper.step()
         counts.append(model.counters["fast_steps"])
     assert counts[1] > 5 * counts[0] and counts[2] == 36
-    with pytest.raises(ConfigError, match="substeps: must be 0 or more, not -1"):
+    with pytest.raises(ConfigError, match="substeps: must be 0 or more, got -1"):
         MIS3C(model, 300.0, substeps=-1)

@@ -267,7 +267,7 @@ def test_its_parameters_are_set_as_those_of_others(path: Path) -> None:
     [
         ("return -rate * u, -rate * v", "return -0.5 * u, -rate * v", r"friction .*own\.py, line"),
         ("return -rate * u, -rate * v", "return -c.cubic * u, v", "friction .*cubic"),
-        ('name = "friction"', 'name = "drag"', "name of one of the package"),
+        ('name = "friction"', 'name = "drag"', "name of an effect of the package"),
         ('name = "friction"', 'name = "Big Friction"', "small letters"),
         ("linear: float = 1e-5", "linear: float = math.nan", "friction: linear must be finite"),
         (
@@ -294,7 +294,7 @@ def test_what_is_wrong_with_it_is_told_in_a_line(
 @pytest.mark.parametrize("value", [None, "much", np.inf])
 def test_a_coefficient_that_is_no_number_is_told_in_a_line(monkeypatch, value) -> None:
     monkeypatch.setattr(Drag, "coefficients", lambda self, mesh: {"linear": value, "still": 1.0})
-    with pytest.raises(ConfigError, match=r"coefficients of drag: linear must be finite, not ."):
+    with pytest.raises(ConfigError, match=r"coefficients of drag: linear must be finite, got ."):
         Model(MESH, make_scene("drag"))
 
 

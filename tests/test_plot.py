@@ -300,7 +300,7 @@ def test_winds_that_were_not_written_are_not_drawn(tmp_path):
     with FrameWriter(tmp_path / "run.nc", mesh, {}, only=("h",)) as writer:
         writer.write(0.0, {"h": np.ones(mesh.size)})
     for arguments in ({"look": Look(winds="arrows")}, {"field": "speed"}, {"field": "u"}):
-        with pytest.raises(ConfigError, match="the field 'u' is not there; there are b, h"):
+        with pytest.raises(ConfigError, match="the field 'u' is missing; there are b, h"):
             plot_file(tmp_path / "run.nc", **arguments)
 
 
@@ -327,11 +327,11 @@ def globe(run, **look):
     ({"projection": "mercator"}, "unknown projection"),
     ({"region": (10.0, 10.0, 0.0, 20.0)}, "a region is west,east,south,north"),
     ({"region": (0.0, 20.0, 30.0, 20.0)}, "a region is west,east,south,north"),
-    ({"projection": "orthographic", "centre": (0.0, 95.0)}, "the latitude of the centre is -90"),
+    ({"projection": "orthographic", "centre": (0.0, 95.0)}, "the latitude of the centre must be -90"),
     ({"projection": "orthographic", "region": (0.0, 1.0, 0.0, 1.0)}, "takes a centre and no"),
     ({"projection": "north-polar", "region": (-180.0, 180.0, -90.0, 90.0)}, "60 degrees beyond"),
     ({"limits": (2.0, 1.0)}, "low < high"), ({"levels": 0}, "greater than or equal to 1, not 0"),
-    ({"winds": "barbs"}, "winds: must be 'arrows' or 'streamlines', not 'barbs'"),
+    ({"winds": "barbs"}, "winds: must be 'arrows' or 'streamlines', got 'barbs'"),
 ])  # fmt: skip
 def test_looks_that_cannot_be(look, reason):
     with pytest.raises(ConfigError, match=reason) as error:

@@ -190,7 +190,7 @@ def test_so_are_runs_of_two_scenes_of_one_name(runs, tmp_path):
     mesh = Mesh.build(6, 6)
     sources = json.dumps({"the scene's file": "1f"})
     other = write_run(tmp_path / "other.nc", mesh, nodal(mesh), sources=sources)
-    with pytest.raises(ConfigError, match=r"are runs of two scenes of the name smooth.*--across"):
+    with pytest.raises(ConfigError, match=r"are runs of two scenes named smooth.*--across"):
         compare(runs["first"], other)
     assert compare(other, other)["linf"] == 0.0
     assert compare(runs["first"], other, across_scenes=True)["linf"] == 0.0
@@ -204,14 +204,14 @@ def test_the_time_is_the_last_that_both_runs_have(runs, tmp_path):
         assert (found["time"], found["linf"]) == (0.0, 0.0)
     with FrameWriter(tmp_path / "apart.nc", mesh, {}) as writer:
         writer.write(3600.0, nodal(mesh))
-    with pytest.raises(ConfigError, match="have no frame at one time"):
+    with pytest.raises(ConfigError, match="have no common time"):
         compare(runs["first"], tmp_path / "apart.nc")
 
 
 def test_fields_that_are_not_there(runs):
     with pytest.raises(ConfigError, match="did you mean 'vorticity'"):
         compare(runs["first"], runs["second"], "vortisity")
-    with pytest.raises(ConfigError, match="'divergence' is not there"):
+    with pytest.raises(ConfigError, match="'divergence' is missing"):
         compare(runs["first"], runs["grid"], "divergence")
 
 

@@ -49,9 +49,9 @@ def test_scene_names_and_parameters_are_checked() -> None:
     for bad in (float("nan"), "inf"):
         with fails("williamson2: alpha must be finite"):
             get_scene("williamson2", alpha=bad)
-    with fails("williamson2: alpha must be a number, not 'north'"):
+    with fails("williamson2: alpha must be a number, got 'north'"):
         get_scene("williamson2", alpha="north")
-    with fails("galewsky: perturbed must be true or false, not 'maybe'"):
+    with fails("galewsky: perturbed must be true or false, got 'maybe'"):
         get_scene("galewsky", perturbed="maybe")
 
 
@@ -80,7 +80,7 @@ def test_scene_from_a_file(tmp_path: Path) -> None:
     [
         ("x = 1", "must define scene(**parameters) -> Scene"),
         ("def scene(: pass", "fails: SyntaxError"),
-        ("def scene(): return 1", "must return a Scene, not int"),
+        ("def scene(): return 1", "must return a Scene, got int"),
         ("def scene(): return 1 / 0", "fails: ZeroDivisionError"),
     ],
 )
@@ -111,19 +111,19 @@ def test_settings_switch_dissipation_on_change_it_and_off() -> None:
         ("viscosty.nu=1", "unknown effect 'viscosty'; did you mean 'viscosity'? There are: mom"),
         ("viscosity.mu=1", "effect 'viscosity' has no parameter 'mu'; it has nu"),
         ("rotation.f=1", "effect 'rotation' has no parameter 'f'; it has no parameters"),
-        ("viscosity.nu=-1", "viscosity.nu must be finite and not negative, not -1.0"),
-        ("viscosity.nu=nan", "viscosity.nu must be finite and not negative, not nan"),
-        ("hyperviscosity.nu=inf", "hyperviscosity.nu must be finite and not negative, not inf"),
-        ("viscosity.nu=default", "viscosity.nu must be a number, not 'default'"),
-        ("hyperviscosity.nu=much", "must be a number or 'default', not 'much'"),
-        ("drag.linear=-1", "drag.linear must be finite and not negative, not -1.0"),
-        ("drag.quadratic=nan", "drag.quadratic must be finite and not negative, not nan"),
+        ("viscosity.nu=-1", "viscosity.nu must be finite and not negative, got -1.0"),
+        ("viscosity.nu=nan", "viscosity.nu must be finite and not negative, got nan"),
+        ("hyperviscosity.nu=inf", "hyperviscosity.nu must be finite and not negative, got inf"),
+        ("viscosity.nu=default", "viscosity.nu must be a number, got 'default'"),
+        ("hyperviscosity.nu=much", "must be a number or 'default', got 'much'"),
+        ("drag.linear=-1", "drag.linear must be finite and not negative, got -1.0"),
+        ("drag.quadratic=nan", "drag.quadratic must be finite and not negative, got nan"),
         ("drag.cubic=1", "effect 'drag' has no parameter 'cubic'; it has linear, quadratic"),
-        ("relaxation.time=0", "relaxation.time must be positive, not 0.0"),
-        ("relaxation.time=nan", "relaxation.time must be positive, not nan"),
+        ("relaxation.time=0", "relaxation.time must be positive, got 0.0"),
+        ("relaxation.time=nan", "relaxation.time must be positive, got nan"),
         ("forcing.rate=1", "williamson2 has no effect 'forcing'; it has momentum-advection,"),
-        ("viscosity.nu", "a setting reads effect.parameter=value, not 'viscosity.nu'"),
-        ("viscosity=1", "a setting reads effect.parameter=value, not 'viscosity=1'"),
+        ("viscosity.nu", "a setting must read effect.parameter=value, got 'viscosity.nu'"),
+        ("viscosity=1", "a setting must read effect.parameter=value, got 'viscosity=1'"),
     ],
 )
 def test_bad_settings(setting: str, message: str) -> None:

@@ -123,10 +123,10 @@ def test_turbulence_is_the_same_for_the_same_seed_on_any_points() -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"wavenumber": 1}, "turbulence: wavenumber must be 2 to 40, not 1"),
-        ({"wavenumber": "2.5"}, "turbulence: wavenumber must be a whole number, not '2.5'"),
-        ({"speed": 0.0}, "turbulence: speed must be positive, not 0.0"),
-        ({"seed": -1}, "turbulence: seed must not be negative, but is -1"),
+        ({"wavenumber": 1}, "turbulence: wavenumber must be 2 to 40, got 1"),
+        ({"wavenumber": "2.5"}, "turbulence: wavenumber must be a whole number, got '2.5'"),
+        ({"speed": 0.0}, "turbulence: speed must be positive, got 0.0"),
+        ({"seed": -1}, "turbulence: seed must not be negative, got -1"),
     ],
 )
 def test_bad_turbulence(given: dict[str, float | str], message: str) -> None:
@@ -338,18 +338,18 @@ def tall(file: netCDF4.Dataset) -> None:
 
 BAD = {
     "there is no variable v or vwnd or va; u, v and z are needed": {"without": "v"},
-    "z must have units 'm' (height) or 'm2 s-2' (geopotential), not 'K'": {
+    "z must have units 'm' (height) or 'm2 s-2' (geopotential), got 'K'": {
         "change": spoil("z", units="K")
     },
-    "u must have units 'm s-1', not 'knots'": {"change": spoil("u", units="knots")},
-    "lat must be in degrees, not in 'radians'": {"change": spoil("lat", units="radians")},
+    "u must have units 'm s-1', got 'knots'": {"change": spoil("u", units="knots")},
+    "lat must be in degrees, got 'radians'": {"change": spoil("lat", units="radians")},
     "u has 2 missing or infinite values; there must be none": {"change": hole},
     "z varies by more than 10 km": {"change": tall},
     "lat must reach the poles; 30 degrees are missing": {"lat": np.linspace(-60.0, 60.0, 49)},
     "lat must rise or fall from pole to pole": {"lat": np.r_[0.0:90.0:2.5, -90.0:0.0:2.5]},
-    "lat must lie between -90 and 90, not reach 95": {"lat": np.linspace(-85.0, 95.0, 73)},
+    "lat must lie between -90 and 90, got 95": {"lat": np.linspace(-85.0, 95.0, 73)},
     "lon must be 144 equal steps of 2.5 degrees eastward": {"lon": np.arange(144) * 2.4},
-    "lon must be an even number of values, not 145": {"lon": np.arange(145) * 2.5},
+    "lon must be an even number of values, got 145": {"lon": np.arange(145) * 2.5},
     "lon must have one dimension and at least 8 values": {"lon": np.arange(4) * 90.0},
 }
 
@@ -368,7 +368,7 @@ def test_analysis_with_levels_or_without_a_file(tmp_path: Path) -> None:
         file.renameVariable("u", "old")
         file.createVariable("u", "f8", ("level", "lat", "lon")).units = "m/s"
 
-    with pytest.raises(ConfigError, match=r"u must be on \(lat, lon\), not on \(level=2, lat=72"):
+    with pytest.raises(ConfigError, match=r"u must be on \(lat, lon\), got \(level=2, lat=72"):
         get_scene("williamson7", file=analysis(tmp_path / "a.nc", levels))
     with pytest.raises(ConfigError, match=r"cannot read absent\.nc: No such file"):
         get_scene("williamson7", file="absent.nc")

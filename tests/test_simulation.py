@@ -135,12 +135,12 @@ def test_continued_plan_keeps_the_step():
 @pytest.mark.parametrize(
     ("values", "word"),
     [
-        ({"dt": -1}, "dt: must be a positive number of seconds or 'auto', not -1"),
+        ({"dt": -1}, "dt: must be a positive number of seconds or 'auto', got -1"),
         ({"dt": float("nan")}, "dt: must be a positive"),
-        ({"days": -1}, "days: must be greater than or equal to 0, not -1"),
+        ({"days": -1}, "days: must be greater than or equal to 0, got -1"),
         ({"alpha": float("nan")}, "alpha: must be a finite number"),
         ({"ne": 2.5}, "ne: must be a valid integer"),
-        ({"precision": "float16"}, "precision: must be 'float64' or 'float32', not 'float16'"),
+        ({"precision": "float16"}, "precision: must be 'float64' or 'float32', got 'float16'"),
         ({"centre_lon": "east"}, "centre-lon: must be a valid number"),
         ({"nee": 3}, "there is no option 'nee'; there are adaptive, "),
         ({"settings": {"viscosity": 3}}, "set: must be tables"),
@@ -266,7 +266,7 @@ def test_a_checkpoint_stands_where_the_last_frame_does(tmp_path, stepper):
         ({"dt": 100.0}, "goes on with the step of its file"),
         ({"days": 0.25}, "already"),
         ({"restart": "moved.nc"}, "moved.nc has no checkpoint: there is no file moved.nc.restart"),
-        ({"restart": "other.nc"}, "other.nc: it is no file of a run"),
+        ({"restart": "other.nc"}, "other.nc: it is not a file of a run"),
     ],
 )
 def test_a_restart_of_another_run_is_refused(tmp_path, monkeypatch, values, word):

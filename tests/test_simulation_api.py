@@ -140,12 +140,12 @@ def test_it_goes_on_where_it_stands():
 @pytest.mark.parametrize(
     ("values", "word"),
     [
-        ({"scene": 3}, "scene: give a name, a file or a Scene, not 3"),
-        ({"stepper": dict}, "stepper: give a name, a file or a class, not <class 'dict'>"),
-        ({"stepper": 3}, "stepper: give a name, a file or a class, not 3"),
-        ({"preconditioner": 3}, "preconditioner: give a name, a file or a class, not 3"),
+        ({"scene": 3}, "scene: give a name, a file or a Scene, got 3"),
+        ({"stepper": dict}, "stepper: give a name, a file or a class, got <class 'dict'>"),
+        ({"stepper": 3}, "stepper: give a name, a file or a class, got 3"),
+        ({"preconditioner": 3}, "preconditioner: give a name, a file or a class, got 3"),
         ({"preconditioner": dict}, "a class, not <class 'dict'>"),
-        ({"mesh": 3}, "give a Mesh, not 3"),
+        ({"mesh": 3}, "give a Mesh, got 3"),
         ({"effects": ["drag"]}, r"not \['drag'\]"),
         ({"effects": "drag"}, "not 'drag'"),
         ({"effects": 3}, "not 3"),
@@ -155,9 +155,9 @@ def test_it_goes_on_where_it_stands():
         ({"parameters": {"beta": 1}}, "beta"),
         ({"options": {"beta": 1}}, "has no option 'beta'"),
         ({"effects": {"nu": 1.0}}, r"set: must be tables .* not \{'nu': 1.0\}"),
-        ({"settings": 5}, "set: must be a list of EFFECT.PARAMETER=VALUE, not 5"),
-        ({"parameters": [1]}, r"parameters: give \{'alpha': 0.8\}, not \[1\]"),
-        ({"options": [1]}, r"options: give \{'tolerance': 1e-6\}, not \[1\]"),
+        ({"settings": 5}, "set: must be a list of EFFECT.PARAMETER=VALUE, got 5"),
+        ({"parameters": [1]}, r"parameters: give \{'alpha': 0.8\}, got \[1\]"),
+        ({"options": [1]}, r"options: give \{'tolerance': 1e-6\}, got \[1\]"),
     ],
 )
 def test_what_cannot_be_is_one_line(values, word):
@@ -270,9 +270,9 @@ def test_schedules_that_cannot_be(call):
 
 
 def test_a_callback_must_be_callable():
-    with pytest.raises(ConfigError, match="a callback is a function of the simulation, not 3"):
+    with pytest.raises(ConfigError, match="a callback must be a function of the simulation, got 3"):
         small().run(days=0.1, callbacks=[3])
-    with pytest.raises(ConfigError, match="callbacks: give a list of functions, not <built-in"):
+    with pytest.raises(ConfigError, match="callbacks: give a list of functions, got <built-in"):
         small().run(days=0.1, callbacks=print)
 
 

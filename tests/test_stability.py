@@ -212,7 +212,7 @@ IMEX = {
                 "implicit": ((0.0, 0.5), (0.25, 0.5, 0.25)),
                 "b": (0.25, 0.5, 0.25),
             },
-            r"its diagonal, must be equal and positive, not \[0\.5, 0\.25\]",
+            r"its diagonal, must be equal and positive, got \[0\.5, 0\.25\]",
         ),
         (
             "ark2",

@@ -144,7 +144,7 @@ def test_the_time_limit_counts_from_the_beginning_of_the_command(tmp_path, monke
         main([*words, "900"])
     assert end.value.code == 1
     said = capsys.readouterr().err
-    assert "the time limit of 900 s was reached" in said and "it goes on with:" in said
+    assert "the time limit of 900 s was reached" in said and "resume with:" in said
     assert Simulation.from_checkpoint(out).steps == 1
 
 

@@ -81,7 +81,9 @@ def test_a_record_that_the_disk_refuses_leaves_nothing(tmp_path, monkeypatch, ow
 
     with monkeypatch.context() as full:
         full.setattr(owner, call, refuse)
-        with pytest.raises(RunFailed, match=r"cannot write .*No space left on device; mend that"):
+        with pytest.raises(
+            RunFailed, match=r"cannot write .*No space left on device; correct this"
+        ):
             store.add(Number(seconds=2))
     assert len(store.records) == 1 and len([*tmp_path.iterdir()]) == 1
     store.add(Number(seconds=3))

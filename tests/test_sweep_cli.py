@@ -193,9 +193,9 @@ def test_the_quick_recipe_runs_when_it_is_cut_short(swe):
 
 
 MISTAKES = {
-    "lauter --steppers rk4": "out: say in which folder",
-    "--steppers rk4 --out d": "scene: say which one",
-    "lauter --out d": "steppers: say which one",
+    "lauter --steppers rk4": "out: give the folder",
+    "--steppers rk4 --out d": "scene: name one",
+    "lauter --out d": "steppers: name one",
     "lauter --steppers rk5 --out d": "unknown stepper 'rk5'; did you mean 'rk4'",
     "lauer --steppers rk4 --out d": "unknown scene 'lauer'; did you mean 'lauter'",
     "lauter --steppers rk4 --dt soon --out d": "dt: must be positive numbers of seconds",

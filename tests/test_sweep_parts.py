@@ -48,7 +48,7 @@ def test_lists_may_be_written_in_any_way():
         ({"steppers": ""}, "steppers: must not be empty"),
         ({"precision": ""}, "precision: must not be empty"),
         ({"preconditioner": "helmhotz"}, "unknown preconditioner 'helmhotz'"),
-        ({"dt": "600,soon"}, "dt: must be positive numbers of seconds or 'auto', not '600,soon'"),
+        ({"dt": "600,soon"}, "dt: must be positive numbers of seconds or 'auto', got '600,soon'"),
         ({"dt": -1}, "dt: must be positive numbers"),
         ({"ne": 0}, "ne=0"),
         ({"np": "4,2"}, "np=2"),
@@ -77,7 +77,7 @@ def test_a_mistake_in_a_plan_is_one_line(values, line):
 
 
 def test_a_plan_without_a_scene_says_so():
-    with pytest.raises(ConfigError, match="scene: say which one"):
+    with pytest.raises(ConfigError, match="scene: name one"):
         make_plan({"steppers": "rk4"})
 
 

@@ -181,7 +181,7 @@ def test_a_pipe_in_the_place_of_a_record_is_one_line(swe, tmp_path, name):
     (tmp_path / "d" / "runs").mkdir(parents=True)
     os.mkfifo(tmp_path / "d" / name)
     status, err = swe("lauter", *FLAGS, "--quiet")
-    said = f"swe-sphere: cannot read d/{name}: what is there is no file\n"
+    said = f"swe-sphere: cannot read d/{name}: it is not a file\n"
     assert (status, err) == (2, said)
 
 
@@ -244,7 +244,7 @@ def _write_no_report(*_, **__):
 
 def assert_refused(status, err):
     assert status == 1 and err.count("\n") == 1
-    assert "No space left on device" in err and "what is finished is kept" in err
+    assert "No space left on device" in err and "finished work is kept" in err
 
 
 def test_a_full_disk_ends_a_sweep_with_one_line_and_it_goes_on_later(swe, tmp_path, monkeypatch):

@@ -283,7 +283,7 @@ def test_callbacks_see_whole_cycles():
     ("asked", "words"),
     [
         ({"tracer_steps": 500}, "of 600 s take"),
-        ({"tracer_steps": 2, "stepper": "tr-bdf2"}, "tr-bdf2 takes tracers along"),
+        ({"tracer_steps": 2, "stepper": "tr-bdf2"}, "tr-bdf2 includes tracers"),
         ({"tracer_steps": 0}, "tracer-steps: must be a whole number"),
         ({"tracer_steps": "many"}, "tracer-steps: must be a whole number"),
     ],

@@ -209,7 +209,7 @@ def test_restart_is_bitwise_exact(mesh, name):
 def test_settings_reach_the_tracers():
     scene = with_tracers(get_scene("williamson5"))
     assert apply_settings(scene, ["tracers.limiter=true"]).effect("tracers") == Tracers(True)
-    with pytest.raises(ConfigError, match=r"tracers\.limiter must be true or false, not '2'"):
+    with pytest.raises(ConfigError, match=r"tracers\.limiter must be true or false, got '2'"):
         apply_settings(scene, ["tracers.limiter=2"])
     with pytest.raises(ConfigError, match="has no effect 'tracers'"):
         apply_settings(get_scene("williamson5"), ["tracers.limiter=true"])

@@ -367,7 +367,7 @@ def test_no_number_is_cropped(monkeypatch, capsys, columns: int) -> None:
     [
         (["--scenes", "willamson2"], "did you mean 'williamson2'"),
         (["--quick", "--scenes", "williamson2-np"], "leave out --quick"),
-        (["--launch", "nodes"], "launch: must be 'element' or 'node', not 'nodes'"),
+        (["--launch", "nodes"], "launch: must be 'element' or 'node', got 'nodes'"),
     ],
 )
 def test_command_says_what_is_wrong(arguments, says, capsys) -> None:

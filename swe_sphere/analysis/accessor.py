@@ -108,7 +108,7 @@ class Analysis:
         values = in_python(self._data.attrs)
         if not {*MESH_ATTRIBUTES} <= values.keys() or "node" not in self._data.dims:
             raise ConfigError(
-                "this dataset is not of a run: open a file of one (swe_sphere.open_run)"
+                "this dataset is not of a run: open a run's file with swe_sphere.open_run"
             )
         return mesh_of(values, self._data.sizes["node"], "cannot use this dataset")
 
@@ -201,14 +201,14 @@ class Analysis:
         Raises ConfigError if the runs have no time in common, or if a dataset is not of a run.
         """
         if not isinstance(other, xr.Dataset):
-            raise ConfigError(f"errors are those against a run as open_run gives it, not {other!r}")
+            raise ConfigError(f"error_norms needs a dataset from open_run, got {other!r}")
         theirs = Analysis(other)
         pairs = [
             (k, j) for k, ours in enumerate(self._times) for j, right in enumerate(theirs._times)
             if abs(ours - right) <= TOLERANCE
         ]  # fmt: skip
         if not pairs:
-            raise ConfigError("the two runs have no frame at one time")
+            raise ConfigError("the two runs have no common time")
         same = np.array_equal(self.mesh.xyz, theirs.mesh.xyz)
         points = None if same else Interpolator(self.mesh, theirs.mesh.lon, theirs.mesh.lat)
         found: dict[str, list[float]] = {}

@@ -48,7 +48,7 @@ def regrid_file(
         clear_errors(f"cannot write {out}"),
     ):
         if out.exists() and out.samefile(path):
-            raise ConfigError(f"{out} is the file that is read: choose another name")
+            raise ConfigError(f"{out} is the input file: choose another name")
         chosen = _chosen(data, fields)
         before = str(data.attrs.get("history", ""))
         chosen.attrs["history"] = history(f"regrid {path.name} --grid {grid}", before)

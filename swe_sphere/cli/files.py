@@ -99,7 +99,7 @@ def _against(file: Path, other: str, trust: Iterable[Path]) -> Source | Exact:
     run = RunFile(file)
     told = table_in(str(run.attributes.get("configuration")))
     if "scene" not in told:
-        raise ConfigError(f"{file} does not say of which scene it is: compare with another file")
+        raise ConfigError(f"{file} does not state its scene: compare with another file")
     if origin := run.attributes.get("origin"):
         raise ConfigError(
             f"{file} began from {origin} and has no exact solution: compare with another file"

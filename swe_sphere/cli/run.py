@@ -98,7 +98,7 @@ def _show_summary(summary: Summary, config: RunConfig) -> None:
     """Print the result as a table or a line of JSON, and on stderr why the run stopped early."""
     if summary.reason is not None:
         named = config.out is None or str(config.out) in summary.reason
-        kept = "" if named else f"; {config.out} keeps what was written"
+        kept = "" if named else f"; {config.out} keeps all that was written"
         sys.stderr.write(f"swe-sphere: {in_one_line(summary.reason)}{kept}\n")
     told = config.out is not None and not (config.quiet or config.as_json)
     if told and summary.status in ("interrupted", "timed-out"):
@@ -108,7 +108,7 @@ def _show_summary(summary: Summary, config: RunConfig) -> None:
         code = {*map(str, config.trust), *filter(is_user_file, methods)}
         words += [word for file in sorted(code) for word in ("--trust", file)]
         words += [word for file in config.diagnostics for word in ("--diagnostics", str(file))]
-        sys.stderr.write(f"swe-sphere: it goes on with: {shlex.join(words)}\n")
+        sys.stderr.write(f"swe-sphere: resume with: {shlex.join(words)}\n")
     if config.as_json:
         sys.stdout.write(summary.as_json() + "\n")
     elif not config.quiet:

@@ -92,7 +92,7 @@ def _run(context: typer.Context, folder: str, cases: Sequence[Case], describe: D
     quick, out, resume, jobs, as_json = (context.params[name] for name in options)
     checked_jobs(jobs)
     if resume and out is None:
-        raise ConfigError("resume: say what to go on with (--out), or leave it out")
+        raise ConfigError("resume: name the page to resume with --out, or leave resume out")
     words = ["swe-sphere", str(context.info_name), *(["--quick"] if quick else [])]
     for name in ("scenes", "groups", "steppers", "launch"):
         if value := context.params.get(name):
@@ -134,9 +134,9 @@ def _page_file(out: Path, folder: str, quick: bool, words: Sequence[str]) -> Pat
     numbers = file.with_suffix(".json")
     with clear_errors(f"cannot write to {file.parent}"):
         file.parent.mkdir(parents=True, exist_ok=True)
-    check_ours(file, f"# {folder.capitalize()}\n", what="is no such page")
+    check_ours(file, f"# {folder.capitalize()}\n", what="is not such a page")
     if numbers.exists() and not file.exists():
-        raise ConfigError(f"out: {numbers} is of another page, and would be replaced: move it away")
+        raise ConfigError(f"out: {numbers} belongs to another page and would be replaced: move it")
     with clear_errors(f"cannot read {numbers}"):
         if quick and numbers.exists() and b'"quick": true' not in contents_of(numbers):
             raise ConfigError(f"out: {numbers} is of the full form: choose another name")
@@ -182,7 +182,7 @@ def ensemble(
         derive(dict.fromkeys((*config.fields, "b"), np.zeros(1)), field)
     place = folder or Path(f"{Path(config.scene).stem}_ensemble")
     for path in () if config.overwrite else spread_files(field, place):
-        check_ours(path, *MARKS, flag="folder", what="is of no ensemble")
+        check_ours(path, *MARKS, flag="folder", what="is not of an ensemble")
     members = run_members(config, _seeds(seeds), place, typer.echo)
     found = spread(members, field)
     typer.echo(f"{'day':>6}  {'spread':>10}  growth [1/day]")
@@ -199,4 +199,4 @@ def _seeds(text: str) -> Sequence[int]:
             return range(int(first), int(last) + 1)
         return [int(part) for part in names_in(text)]
     except ValueError:
-        raise ConfigError(f"seeds: give whole numbers, 1,2,3 or 1-8, not {text!r}") from None
+        raise ConfigError(f"seeds: give whole numbers, 1,2,3 or 1-8, got {text!r}") from None

@@ -46,7 +46,7 @@ def sweep(
 ) -> int:
     """Run steppers over a range of steps, and show what accuracy costs in time."""
     if out is None:
-        raise ConfigError("out: say in which folder the sweep is kept (--out DIR)")
+        raise ConfigError("out: give the folder of the sweep (--out DIR)")
     loaded = None if recipe is None else load_recipe(recipe)
     mapped = loaded is not None and bool(loaded.axis)
     plans = [] if report_only else _planned(given(values, SweepPlan), loaded, out)
@@ -81,7 +81,7 @@ def sweep(
 def advise(**values: Any) -> None:
     """Measure which stepper and step are cheapest for an error, and print the command."""
     if values["error"] is None:
-        raise ConfigError("error: say how large the error may be at the end (--error 1e-3)")
+        raise ConfigError("error: give the largest error at the end (--error 1e-3)")
     question = validated(Question, given(values, Question))
     with _watched(question.scene, False, "interrupted by Ctrl-C") as terminal:
         advice = advice_on(question, terminal)
@@ -103,7 +103,9 @@ def _planned(
         return [(out, make_plan(flags))]
     plans = recipe.plans(flags)
     if recipe.axis and any(plan.jobs > 1 for plan in plans):
-        raise ConfigError("jobs: a map ranks by CPU time, which only runs alone have: leave it out")
+        raise ConfigError(
+            "jobs: a map ranks by CPU time, which parallel jobs distort: leave jobs out"
+        )
     return [(out / folder_of(dict(plan)), plan) for plan in plans]
 
 
@@ -112,7 +114,7 @@ def _begun(out: Path) -> list[Path]:
     kept = [path for of in ("", "*/") for name in (HEADER, RUNS) for path in out.glob(of + name)]
     folders = sorted({path.parent for path in kept})
     if not folders:
-        raise ConfigError(f"there is no sweep in {out}: leave report-only out to make one")
+        raise ConfigError(f"there is no sweep in {out}: leave report-only out to run one")
     return [folder for folder in folders if runs_of(folder).records] or folders
 
 

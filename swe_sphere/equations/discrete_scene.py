@@ -30,13 +30,13 @@ class DiscreteScene:
         comm: Communicator,
     ) -> None:  # fmt: skip
         if precision not in REALS:
-            raise ConfigError(f"precision is float64 or float32, not {precision!r}")
+            raise ConfigError(f"precision must be float64 or float32, got {precision!r}")
         device = find_device(device, comm.local)
         if comm.shared:
             wp.set_device(device)  # MPI uses this device as the rank's
         shape = shape or ("element" if device == "cpu" else "node")
         if shape not in ("element", "node"):
-            raise ConfigError(f"the launch shape is element or node, not {shape!r}")
+            raise ConfigError(f"launch must be element or node, got {shape!r}")
         self.mesh, self.scene, self.comm = mesh, scene, comm
         self.device, self.shape, self.precision = device, shape, precision
         self.launch = Launcher(device, comm, mesh.np**2)
@@ -78,7 +78,7 @@ class DiscreteScene:
         if speed == 0.0:
             raise ConfigError(
                 f"{self.scene.name}: the fluid is at rest initially: set edge-penalty.speed to the"
-                " wind speed [m s-1] that is expected later"
+                " wind speed [m s-1] expected later"
             )
         return EdgePenaltyOperator(self.device_mesh, self.launch, effect.strength(mesh, speed))
 
@@ -143,7 +143,7 @@ def _coefficients(scene: Scene, effect: Effect, on: DeviceMesh) -> dict[str, Any
         if np.ndim(value):
             found[name] = on.scatter(fitted(f"{label}: {name}", value, mesh.lon, mesh.lat))
         elif not is_finite(value):
-            raise ConfigError(f"{label}: {name} must be finite, not {shown(value)}")
+            raise ConfigError(f"{label}: {name} must be finite, got {shown(value)}")
     return found
 
 

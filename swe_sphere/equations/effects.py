@@ -75,7 +75,7 @@ class Effect:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value >= 0.0):
                 label = f"{self.name}.{name}"
-                raise ConfigError(f"{label} must be finite and not negative, not {value}")
+                raise ConfigError(f"{label} must be finite and not negative, got {value}")
 
     @property
     def diffuses(self) -> bool:
@@ -456,7 +456,7 @@ class Relaxation(PointwiseEffect):
 
     def __post_init__(self) -> None:
         if not self.time > 0.0:
-            raise ConfigError(f"{self.name}.time must be positive, not {self.time}")
+            raise ConfigError(f"{self.name}.time must be positive, got {self.time}")
 
     @property
     def absent(self) -> bool:

@@ -53,7 +53,7 @@ class Model(DiscreteScene):
         shape: str | None = None, jacobian: str = "exact", comm: Communicator | None = None,
     ) -> None:  # fmt: skip
         if jacobian not in JACOBIANS:
-            raise ConfigError(f"the Jacobian is exact or difference, not {jacobian!r}")
+            raise ConfigError(f"jacobian must be exact or difference, got {jacobian!r}")
         super().__init__(mesh, scene, device, precision, shape, comm or Communicator())
         self._jacobian = jacobian
         self._carry(flux=False)

@@ -263,16 +263,16 @@ def _wrong_kinds(scene: Scene) -> Iterator[str]:
     for name, kind in KINDS.items():
         value = getattr(scene, name)
         if not isinstance(value, kind):
-            yield f"{name} must be a {kind.__name__.lower()}, not {shown(value)}"
+            yield f"{name} must be a {kind.__name__.lower()}, got {shown(value)}"
     effects: tuple[object, ...] = scene.effects
     for effect in effects:
         if not isinstance(effect, Effect):
             hint = "; write Rotation(), not Rotation" if isinstance(effect, type) else ""
-            yield f"{shown(effect)} among its effects is none{hint}"
+            yield f"{shown(effect)} among its effects is not an effect{hint}"
     parameters: Mapping[Any, Any] = scene.parameters
     for key, value in parameters.items():
         if not (isinstance(key, str) and isinstance(value, bool | int | float | str)):
-            yield f"parameters are numbers, switches or words by name, not {key!r}: {shown(value)}"
+            yield f"parameters must be numbers, booleans or words by name, got {key!r}: {shown(value)}"
 
 
 def _wrong_effects(scene: Scene) -> Iterator[str]:
@@ -297,11 +297,11 @@ def _wrong_formulas(scene: Scene, effect: PointwiseEffect) -> Iterator[str]:
     """Yield faults of an effect, which may be user-defined."""
     label = f"effect {effect.name!r}"
     if EFFECTS.get(effect.name, type(effect)) is not type(effect):
-        yield f"{label} has the name of one of the package; choose another"
+        yield f"{label} has the name of an effect of the package: choose another"
     if not re.fullmatch(r"[a-z][a-z0-9-]*", effect.name) or effect.name in (SCENE, STEPPER):
-        yield f"{label}: a name is of small letters, digits and -"
+        yield f"{label}: a name must consist of small letters, digits and -"
     if effect.needs not in (None, *FIELDS):
-        yield f"{label} needs {shown(effect.needs)}, which is none of {', '.join(FIELDS)}"
+        yield f"{label} needs {shown(effect.needs)}, which is not one of {', '.join(FIELDS)}"
     if effect.needs is not None and getattr(scene, effect.needs) is None:
         yield f"{label} needs the function {effect.needs!r}"
     wind, depth = effect.tendencies
@@ -310,7 +310,7 @@ def _wrong_formulas(scene: Scene, effect: PointwiseEffect) -> Iterator[str]:
     if scene.wind is not None and depth is None:
         yield f"{label} acts on the wind, which is prescribed"
     if scene.base is not None and not effect.differentiable:
-        yield f"{label} has no derivative, which linearised dynamics are made of"
+        yield f"{label} has no derivative, which linearised dynamics need"
 
 
 def _wrong_tracers(scene: Scene) -> Iterator[str]:
@@ -320,31 +320,31 @@ def _wrong_tracers(scene: Scene) -> Iterator[str]:
         if scene.exact_tracers is not None:
             yield "'exact_tracers' is given without tracers"
     elif not isinstance(tracers, Mapping):
-        yield f"tracers are functions by name, not {shown(tracers)}"
+        yield f"tracers must be functions by name, got {shown(tracers)}"
     elif not tracers:
-        yield "tracers are called for, but there is none"
+        yield "the effect tracers needs at least one tracer"
     else:
         for name in tracers:
             if not (isinstance(name, str) and re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name)):
-                yield f"a tracer is named by letters, digits and _, not {name!r}"
+                yield f"a tracer's name must consist of letters, digits and _, got {name!r}"
 
 
 def _wrong_numbers(scene: Scene) -> Iterator[str]:
     if scene.error_field not in ("h", "surface"):
-        yield "error_field is 'h' or 'surface'"
+        yield "error_field must be 'h' or 'surface'"
     sizes: dict[str, Any] = {"ne": scene.ne, "np": scene.np}
     for name, value in sizes.items():
         whole = isinstance(value, Integral) and not isinstance(value, bool)
         if not (whole and 1 <= value <= MOST_ELEMENTS):
-            yield f"{name} must be a whole number from 1 to {MOST_ELEMENTS}, not {shown(value)}"
+            yield f"{name} must be a whole number from 1 to {MOST_ELEMENTS}, got {shown(value)}"
     positive = {"days": scene.days, "radius": scene.planet.radius, "gravity": scene.planet.gravity}
     for name, number in positive.items():
         if not (is_finite(number) and number > 0.0):
-            yield f"{name} must be finite and positive, not {shown(number)}"
+            yield f"{name} must be finite and positive, got {shown(number)}"
     if scene.days > LONGEST_DAYS:
-        yield f"days must be at most {LONGEST_DAYS:g}, not {scene.days}"
+        yield f"days must be at most {LONGEST_DAYS:g}, got {scene.days}"
     if not is_finite(scene.planet.rotation):
-        yield f"rotation must be finite, not {scene.planet.rotation!r}"
+        yield f"rotation must be finite, got {scene.planet.rotation!r}"
 
 
 def is_finite(value: Any) -> bool:

@@ -63,7 +63,7 @@ class _Function:
     def __post_init__(self) -> None:
         function = self.function.function if isinstance(self.function, _Function) else self.function
         if not callable(function):
-            raise ConfigError(f"{self.label} must be a function, not {type(function).__name__}")
+            raise ConfigError(f"{self.label} must be a function, got {type(function).__name__}")
         object.__setattr__(self, "function", function)
 
     def __call__(self, lon: ArrayLike, lat: ArrayLike, *time: float) -> Any:
@@ -79,7 +79,7 @@ class _Function:
         if not isinstance(named, dict):
             what = "fields by the names of tracers" if self.by_name else f"{len(self.names)} fields"
             raise ConfigError(
-                f"{self.label} must return {what} ({', '.join(self.names)}), not {named}"
+                f"{self.label} must return {what} ({', '.join(self.names)}), got {named}"
             )
         fields = {
             name: fitted(f"{self.label} {name}", field, lon, lat, self.may_be_nan)
@@ -106,7 +106,7 @@ def fitted(label: str, original: Any, lon: Array, lat: Array, may_be_nan: bool =
     values = np.asanyarray(original)
     if values.dtype.kind not in "fiub":  # real numbers, or booleans that stand for 0 and 1
         kind = type(original).__name__ if values.ndim == 0 else f"an array of {values.dtype}"
-        raise ConfigError(f"{label} must be real numbers, not {kind}")
+        raise ConfigError(f"{label} must be real numbers, got {kind}")
     values = values.astype(np.float64, copy=False)
     if hasattr(values, "filled"):  # a masked array; numpy has them in a module that loads late
         values = values.filled(np.nan)
@@ -125,6 +125,6 @@ def fitted(label: str, original: Any, lon: Array, lat: Array, may_be_nan: bool =
         fault = "too large" if np.isfinite(value) else "not finite"
         raise ConfigError(
             f"{label} is {fault} ({value:.3g}) at longitude {where[0]:.4g}°,"
-            f" latitude {where[1]:.4g}°: mend its formula"
+            f" latitude {where[1]:.4g}°: correct its formula"
         )
     return field

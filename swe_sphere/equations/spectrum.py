@@ -55,7 +55,7 @@ def spectral_radius(
     model.launch.forget()
     if not np.isfinite(found):
         raise ConfigError(
-            f"{model.scene.name}: the equations overflow at the start: its fields or the"
+            f"{model.scene.name}: the equations overflow in the initial state: its fields or the"
             " coefficients of its effects are too large, or too small to divide by"
         )
     return found

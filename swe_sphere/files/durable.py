@@ -17,7 +17,7 @@ from pathlib import Path
 
 from swe_sphere.errors import ConfigError, RunFailed, SweError
 
-MENDING = "; mend that and run it again: what is finished is kept"
+MENDING = "; correct this and run the command again: finished work is kept"
 PART, OLD = ".part", ".old"
 """Suffixes of the names of files and folders in construction, and of replaced folders."""
 SHOWN = 40
@@ -48,7 +48,7 @@ def write_whole(path: Path, contents: str | bytes) -> None:
 def contents_of(path: Path) -> bytes:
     """Contents of a file; OSError if it does not exist, or is a pipe, which would block."""
     if path.exists() and not path.is_file():
-        raise OSError(errno.EINVAL, "what is there is no file")
+        raise OSError(errno.EINVAL, "it is not a file")
     return path.read_bytes()
 
 
@@ -118,7 +118,7 @@ def claim(path: Path, folder: bool = False) -> tuple[int, Path]:
     if path.exists():
         if not (path.is_dir() if folder else path.is_file()):
             what = "folder" if folder else "file"
-            raise ConfigError(f"cannot write {path}: what is there is no {what}")
+            raise ConfigError(f"cannot write {path}: it is not a {what}")
         os.close(_locked(path, os.O_RDONLY, path))
     _remove_unfinished(path)
     return _create(path, folder)

@@ -83,7 +83,7 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
     if checkpoint.attributes.get("run_id") != run_id:
         raise ConfigError(
             f"{beside} is the checkpoint of another run than {path}: restart from another file,"
-            f" or go on with that other run (restart={beside})"
+            f" or resume that other run (restart={beside})"
         )
     return checkpoint
 

@@ -59,10 +59,10 @@ def _check_scenes(ours: Source, theirs: Source) -> None:
     files = [table_in(str(s.attributes.get("sources"))).get(SCENE_FILE) for s in (ours, theirs)]
     if None in (one, other) or (one == other and files[0] == files[1]):
         return
-    what = f"{ours.path} and {theirs.path} are runs of two scenes of the name {one}"
+    what = f"{ours.path} and {theirs.path} are runs of two scenes named {one}"
     if one != other:
         what = f"{ours.path} is a run of {one}, {theirs.path} one of {other}"
-    raise ConfigError(f"{what}: compare runs of one scene, or say --across-scenes")
+    raise ConfigError(f"{what}: compare runs of one scene, or give --across-scenes")
 
 
 def _common_time(*sources: Source) -> float | None:
@@ -73,7 +73,7 @@ def _common_time(*sources: Source) -> float | None:
     common = timed[0][np.isclose(timed[0][:, None], timed[-1], 0.0, TOLERANCE).any(axis=1)]
     if not common.size:
         names = " and ".join(str(source.path) for source in sources)
-        raise ConfigError(f"{names} have no frame at one time: give --time")
+        raise ConfigError(f"{names} have no common time: give --time")
     return float(common[-1])
 
 

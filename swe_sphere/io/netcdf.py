@@ -30,7 +30,7 @@ from swe_sphere.io.runfile import RunFile, reading
 from swe_sphere.mesh import Mesh
 
 SAMPLES = 1000
-MENDING = "; free some space or write elsewhere (all that was written before can still be read)"
+MENDING = "; free some space or write elsewhere (everything written before stays readable)"
 KEPT = ("run_id", "start_step", "history")
 """Attributes that a resumed run keeps."""
 
@@ -77,7 +77,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         if self._earlier is not None:
             if (nodes := self._earlier.bottom.size) != mesh.size:
                 raise ConfigError(
-                    f"cannot go on in {path}: its mesh has {nodes} nodes, not {mesh.size}"
+                    f"cannot resume in {path}: its mesh has {nodes} nodes, not {mesh.size}"
                 )
             before, size = self._earlier.attributes, self.path.stat().st_size
             kept = {name: before[name] for name in KEPT if name in before}
@@ -196,7 +196,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         names = {"time", *self._fields}
         with reading(self.path) as data:
             if {name for name, v in data.variables.items() if "time" in v.dims} != names:
-                raise ConfigError(f"cannot go on in {self.path}: its frames hold other fields")
+                raise ConfigError(f"cannot resume in {self.path}: its frames hold other fields")
             for k in range(np.count_nonzero(times < self._from)):
                 values = {name: data[name].isel(time=k).values for name in names}
                 self._growing.add_record(values, wait=False)
@@ -212,7 +212,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
     def _writing(self, begins: bool = False) -> Iterator[None]:
         """Raise RunFailed for errors of the disk, and for a file that another program changed."""
         if not (begins or self._begun):
-            raise ValueError("a file begins with a frame")
+            raise ValueError("the first record of a file must be a frame")
         with clear_errors(f"cannot write {self.path}", RunFailed, MENDING):
             self._growing.check(self.path)
             yield

@@ -79,7 +79,7 @@ class Reference(Source):
             bounds = np.radians(data["lat_bnds"].values) if "lat_bnds" in data else None
         if not self.fields:
             raise ConfigError(
-                f"cannot read {path}: it is no file of a run, and as a reference it lacks fields"
+                f"cannot read {path}: it is not a file of a run, and as a reference it lacks fields"
                 " on (lat, lon)"
             )
         count = self.lon.size

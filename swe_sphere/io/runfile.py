@@ -198,7 +198,7 @@ class RunFile(Nodal):
             RunAttributes.model_validate(found)
             if SUMMARY not in found:
                 raise ConfigError(
-                    f"cannot read {self.path}: it is no file of a run of swe_sphere, or damaged"
+                    f"cannot read {self.path}: it is not a file of a run of swe_sphere, or it is damaged"
                 )
             told = table_in(found[SUMMARY])
             new = {k: value for k, value in told.items() if k == "days" or k not in found}
@@ -223,7 +223,7 @@ class RunFile(Nodal):
     def mesh(self) -> Mesh:  # type: ignore[override]
         """The mesh, rebuilt from the attributes of the file."""
         if self.bottom.ndim != 1:
-            raise ConfigError(f"{self.path} is on a grid already: give the file of a run")
+            raise ConfigError(f"{self.path} is already on a grid: give the file of a run")
         return mesh_of(self.attributes, self.bottom.size, f"cannot read {self.path}")
 
     def frame(self, time: float | None = None) -> dict[str, Array]:

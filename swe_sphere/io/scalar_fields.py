@@ -79,7 +79,7 @@ def derive(fields: Mapping[str, Array], name: str) -> Array:
     if name == "wind":
         return np.stack([derive(fields, "u"), derive(fields, "v")])
     if name not in fields:
-        raise ConfigError(f"the field {name!r} is not there; there are {', '.join(fields)}")
+        raise ConfigError(f"the field {name!r} is missing; there are {', '.join(fields)}")
     return fields[name]
 
 

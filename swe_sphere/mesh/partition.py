@@ -123,7 +123,7 @@ def check_ranks(ne: int, ranks: int) -> None:
     most, _ = pieces(ne)
     if ranks > most:
         raise ConfigError(
-            f"a mesh of ne={ne} is shared by {most} ranks at the most, not {ranks}:"
+            f"a mesh of ne={ne} can be shared by at most {most} ranks, got {ranks}:"
             " take fewer ranks or a larger ne"
         )
 

@@ -71,12 +71,12 @@ class Look(
     def _check(self) -> Self:
         """Raise ConfigError for a look that cannot be drawn."""
         if self.limits is not None and not self.limits[0] < self.limits[1]:
-            raise ConfigError(f"limits are low,high with low < high, not {self.limits}")
+            raise ConfigError(f"limits must be low,high with low < high, got {self.limits}")
         if self.projection not in PROJECTIONS:
             raise unknown_name("projection", self.projection, PROJECTIONS)
         if abs(self.centre[1]) > 90.0:
             raise ConfigError(
-                f"the latitude of the centre is -90 to 90 degrees, not {self.centre[1]:g}"
+                f"the latitude of the centre must be -90 to 90 degrees, got {self.centre[1]:g}"
             )
         if self.region is None:
             return self

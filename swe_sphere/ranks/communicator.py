@@ -232,8 +232,8 @@ def world() -> Communicator:
     ranks = Communicator(MPI)
     if started not in (0, ranks.size):
         raise ConfigError(
-            f"{started} ranks were started, but mpi4py knows of {ranks.size}: it is of another MPI"
-            " than what has started them"
+            f"{started} ranks were started, but mpi4py finds {ranks.size}: it belongs"
+            " to another MPI than the launcher"
         )
     return ranks
 
@@ -261,4 +261,6 @@ def leave_ranks() -> None:
 def refuse_ranks() -> None:
     """Raise ConfigError if several ranks were started for work that they cannot share."""
     if world().size > 1:
-        raise ConfigError("only a run of a scene is for several ranks: start this alone")
+        raise ConfigError(
+            "only runs of a scene support several ranks: start this command without a launcher"
+        )

@@ -30,7 +30,7 @@ def check_stop() -> None:
     Long steps call it within them, on all ranks at the same point of their work.
     """
     if stop_is_asked.get()():
-        raise GivenUp("the step is given up")
+        raise GivenUp("the step was interrupted")
 
 
 def process_age() -> float:

@@ -69,7 +69,7 @@ def read_settings(given: object) -> tuple[Setting, ...]:
         choice = "a list of EFFECT.PARAMETER=VALUE"
         if isinstance(given, Mapping):
             choice = "tables [set.EFFECT] of parameters, or EFFECT.PARAMETER=VALUE"
-        raise ConfigError(f"{flag_of('settings')}: must be {choice}, not {shown(given)}") from None
+        raise ConfigError(f"{flag_of('settings')}: must be {choice}, got {shown(given)}") from None
 
 
 def _setting(item: Any) -> Setting:
@@ -80,7 +80,7 @@ def _setting(item: Any) -> Setting:
     owner, _, parameter = (part.strip() for part in key.partition("."))
     if not (owner and parameter and value.strip()):
         known = owner if owner in (SCENE, STEPPER) else "effect"
-        raise ConfigError(f"a setting reads {known}.parameter=value, not {item!r}")
+        raise ConfigError(f"a setting must read {known}.parameter=value, got {item!r}")
     return Setting(owner, parameter, value.strip())
 
 
@@ -132,7 +132,7 @@ def convert(label: str, kind: Any, value: object, finite: bool = True) -> Any:
                 expected = complaint(error)
             elif kind is float and "finite" in complaint(error):
                 expected = "must be finite"
-    raise ConfigError(f"{label} {expected}{other}, not {shown(value)}")
+    raise ConfigError(f"{label} {expected}{other}, got {shown(value)}")
 
 
 def complaint(error: ValidationError) -> str:
@@ -160,12 +160,12 @@ def validated(model: type[M], values: Mapping[str, object]) -> M:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         name = flag_of(str(first["loc"][0])) if first["loc"] else "configuration"
-        line = f"{name}: {complaint(error)}, not {shown(first['input'])}"
+        line = f"{name}: {complaint(error)}, got {shown(first['input'])}"
         if first["type"] == "extra_forbidden":
             names = ", ".join(sorted(map(flag_of, model.model_fields)))
             line = f"there is no option {name!r}; there are {names}"
         elif first["type"] == "missing":
-            line = f"{name}: say which one to run (swe-sphere list shows what there is)"
+            line = f"{name}: name one to run (see swe-sphere list)"
         raise ConfigError(line) from None
 
 

@@ -105,7 +105,7 @@ def read_arguments(
 
 
 def _unfit(what: str, choice: str, thing: object) -> ConfigError:
-    return ConfigError(f"{what}: give {choice}, not {shown(thing)}")
+    return ConfigError(f"{what}: give {choice}, got {shown(thing)}")
 
 
 def make_scene(

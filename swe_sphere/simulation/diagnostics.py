@@ -291,7 +291,7 @@ def diagnostic(
     if function is None:
         return partial(diagnostic, name=name, units=units, long_name=long_name)
     if not callable(function):
-        raise ConfigError(f"a diagnostic is a function of the simulation, not {function!r}")
+        raise ConfigError(f"a diagnostic must be a function of the simulation, got {function!r}")
     called = name or function.__name__
     if not called.isidentifier():
         raise ConfigError(f"the diagnostic {called!r} needs a name= of letters, digits and _")

@@ -46,7 +46,7 @@ class Initial:
         else:
             also = "" if day is None else "; initial-time chooses a frame of it"
             raise ConfigError(
-                f"initial: give a file, a dataset or a function, not {shown(given)}{also}"
+                f"initial: give a file, a dataset or a function, got {shown(given)}{also}"
             )
         self._frame, digest = frame, hashlib.sha256()
         for field, values in sorted(frame.fields.items()):

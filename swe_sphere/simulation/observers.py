@@ -314,7 +314,9 @@ class Callback(Observer):
 
     def __post_init__(self) -> None:
         if not callable(self.function):
-            raise ConfigError(f"a callback is a function of the simulation, not {self.function!r}")
+            raise ConfigError(
+                f"a callback must be a function of the simulation, got {self.function!r}"
+            )
 
     def check(self, plan: RunPlan) -> None:
         """Raise ConfigError where a call is due in the middle of steps that are taken together."""
@@ -400,5 +402,5 @@ def read_callbacks(callbacks: Iterable[Any]) -> list[Observer]:
     Raises ConfigError where one of them cannot be called, or they are no list.
     """
     if not isinstance(callbacks, Iterable):
-        raise ConfigError(f"callbacks: give a list of functions, not {callbacks!r}")
+        raise ConfigError(f"callbacks: give a list of functions, got {callbacks!r}")
     return [each if isinstance(each, Observer) else Callback(each) for each in callbacks]

@@ -181,7 +181,7 @@ class FlexibleGMRES(KrylovSolver):
     def __init__(self, space: VectorSpace, size: int = 30) -> None:
         """Allocate the basis; raises ConfigError for a size below 1."""
         if size < 1:
-            raise ConfigError(f"GMRES needs room for at least one basis vector, not {size}")
+            raise ConfigError(f"GMRES needs at least one basis vector, got {size}")
         self.space, self.size = space, size
         self._basis = KrylovBasis(space, size + 1)
         self._residual = self._basis.rows[0]

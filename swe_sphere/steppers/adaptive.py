@@ -63,11 +63,11 @@ class AdaptiveSteps(Trajectory):
             )
         if scheme.diffusion is not None:
             raise ConfigError(
-                "adaptive: diffusion apart has no estimate of its error: take it whole"
+                "adaptive: diffusion=apart has no error estimate: use diffusion=whole"
             )
         if not (math.isfinite(tolerance) and tolerance > 0.0):
             raise ConfigError(
-                f"adaptive: the tolerance must be positive and finite, not {tolerance}"
+                f"adaptive: the tolerance must be positive and finite, got {tolerance}"
             )
         self.scheme, self._power = scheme, scheme.estimate_order
         self.name, self.order = scheme.name, scheme.order  # type: ignore[misc]
@@ -140,7 +140,7 @@ class AdaptiveSteps(Trajectory):
         return True
 
     def _cut(self, t: float, dt: float, why: str, ratio: float, advice: str) -> None:
-        self.cuts.append(f"at {t:.6g} s a step of {dt:.6g} s was taken back: {why}")
+        self.cuts.append(f"at {t:.6g} s a step of {dt:.6g} s was rejected: {why}")
         self.counters["rejected_steps"] += 1
         self.next_dt = dt * ratio
         if self.next_dt < SMALLEST_PART * self.dt:

@@ -131,7 +131,7 @@ class BDF2(ImplicitStepper):
 
     def allocate(self) -> None:
         if self.diffusion_apart:
-            raise ConfigError("bdf2: diffusion apart would be of first order: take it whole")
+            raise ConfigError("bdf2: diffusion=apart would be of first order: use diffusion=whole")
         self.previous, self._rhs = self.model.zeros(), self.model.zeros()
         self._starter = TRBDF2(self.model, self.dt, solver=self.solver)
 

@@ -129,7 +129,7 @@ class ImexRungeKutta(ImexStepper):
         if len({*diagonal}) != 1 or not diagonal[0] > 0.0:
             raise ConfigError(
                 f"stepper {cls.name}: the last numbers in the rows of `implicit`, its diagonal,"
-                f" must be equal and positive, not {diagonal}"
+                f" must be equal and positive, got {diagonal}"
             )
         check_order(cls, explicit, implicit)
         cls.error_constant = error_constant(implicit, np.array(cls.b), cls.order)

@@ -276,7 +276,7 @@ class ImplicitStepper(VariableStepper):
         solver: NewtonStages | None = None,
     ) -> None:  # fmt: skip
         if diffusion not in DIFFUSION:
-            raise ConfigError(f"diffusion is {' or '.join(DIFFUSION)}, not {diffusion!r}")
+            raise ConfigError(f"diffusion must be {' or '.join(DIFFUSION)}, got {diffusion!r}")
         self.diffusion_apart = diffusion == "apart"
         self._held = HeldPenalty(model, dt) if model.penalised else None
         if self._held is not None:

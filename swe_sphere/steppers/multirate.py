@@ -51,7 +51,7 @@ class InfinitesimalStep(FlowLimited):
     def __init__(self, model: Model, dt: float, substeps: int = 0) -> None:
         super().__init__(model, dt)
         if substeps < 0:
-            raise ConfigError(f"substeps: must be 0 or more, not {substeps}")
+            raise ConfigError(f"substeps: must be 0 or more, got {substeps}")
         model, alpha, beta, gamma = self.model, *self._matrices()
         self._durations = dt * beta.sum(axis=1)
         times = [0.0]

@@ -84,7 +84,7 @@ def checked_tableau(
     if len(rows) != len(lengths) or not all(fits):
         raise ConfigError(
             f"stepper {cls.name}: the rows of `{attribute}` must have {[*lengths]} numbers, as `b`"
-            f" has {len(cls.b)}, not {[len(row) for row in rows]}"
+            f" has {len(cls.b)}, got {[len(row) for row in rows]}"
         )
     return tableau(rows, len(cls.b))
 

@@ -120,7 +120,7 @@ class StageSolver(Motion):
 
     def __init__(self, model: Model, tolerance: float) -> None:
         if not 0.0 <= tolerance < 1.0:
-            raise ConfigError(f"the solver tolerance must be in [0, 1), not {tolerance}")
+            raise ConfigError(f"the solver tolerance must be in [0, 1), got {tolerance}")
         super().__init__(VectorSpace(energy_weights(model), mesh=model.device_mesh))
         self.model = model
         self.loosest = tolerance

@@ -72,7 +72,7 @@ class Trajectory:
     def __init__(self, model: Model, dt: float) -> None:
         """Create a trajectory of a model with the time step dt [s]."""
         if not (np.isfinite(dt) and dt > 0.0):
-            raise ConfigError(f"the time step must be positive and finite, not {dt} s")
+            raise ConfigError(f"the time step must be positive and finite, got {dt} s")
         self.model, self.dt = model, float(dt)
         self.state: wp.array = model.zeros()
         self.steps = 0
@@ -215,10 +215,10 @@ class Stepper(Trajectory, ABC):
             cls.repeats_from = None
         if "name" in vars(cls):
             if not hasattr(cls, "order"):
-                raise ConfigError(f"stepper {cls.name} has no `order`: say it beside its name")
+                raise ConfigError(f"stepper {cls.name} has no `order`: define it beside its name")
             if cls.family not in (known := get_args(Family)):
                 raise ConfigError(
-                    f"stepper {cls.name}: `family` is one of {', '.join(known)}, not {cls.family!r}"
+                    f"stepper {cls.name}: `family` must be one of {', '.join(known)}, got {cls.family!r}"
                 )
             cls.complete()
             STEPPERS.add(cls)
@@ -259,7 +259,7 @@ class Stepper(Trajectory, ABC):
             ):
                 raise ConfigError(
                     f"stepper {self.name}: `memory` and `levels` must be tuples of names of"
-                    f" attributes with arrays, not {names!r}"
+                    f" attributes with arrays, got {names!r}"
                 )
 
     def allocate(self) -> None:
@@ -410,7 +410,7 @@ class CheckedReplay(Replay):
         for (name, array), values in zip(arrays.items(), repeated, strict=True):
             if not np.array_equal(array.numpy(), values, equal_nan=True):
                 raise ConfigError(
-                    f"stepper {self._stepper.name}: a recorded step leaves another {name} than the"
+                    f"stepper {self._stepper.name}: a recorded step computes another {name} than the"
                     " step itself, as `advance` does work on the host, depends on the time or"
                     " changes arrays that `memory` does not name; leave out `repeats_from`"
                 )

@@ -45,7 +45,7 @@ def stages_for(reach: float) -> tuple[int, tuple[float, ...]]:
     if not reach <= MOST_PARTS * LONGEST:
         raise Unstable(
             f"tracers would take {reach / LONGEST:.4g} parts in a step, more than {MOST_PARTS}: the"
-            " solution blows up; take a smaller dt or smaller tracer-steps"
+            " solution becomes unstable; take a smaller dt or smaller tracer-steps"
         )
     parts = max(1, math.ceil(reach / LONGEST))
     # the rounded product may be smaller than the dividend
@@ -60,7 +60,7 @@ def why_not(model: Model, kind: type[Stepper], adaptive: float | None = None) ->
     if not scene.tracers:
         return f"{scene.name} has no tracers"
     if kind.family not in ("explicit", "imex"):
-        return f"{kind.name} takes tracers along in its solves"
+        return f"{kind.name} includes tracers in its solves"
     if scene.forcing is not None or any("mass" not in e.conserves for e in scene.effects):
         return f"{scene.name} has sources of depth"
     return None
@@ -157,7 +157,7 @@ class CarriedTracers(TracerSteps):
         if others and not scheme.levels:
             raise ConfigError(
                 f"tracer-steps: {scheme.name} remembers {', '.join(others)}: its"
-                " `levels` have to say which of them are states of times before"
+                " `levels` must name those that are states of earlier times"
             )
         super().__init__(model, type(scheme), scheme.dt, every)
         self.scheme, tracers, n, first = scheme, model.tracers, self._size, model.fluid_size

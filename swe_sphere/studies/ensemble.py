@@ -50,7 +50,7 @@ def run_members(
     """
     if len(seeds) > 1000 or not 2 <= len(set(seeds)) == len(seeds):
         few = ",".join(map(str, seeds[:8])) or "none"
-        raise ConfigError(f"seeds: give 2 to 1000 different ones, not {few}")
+        raise ConfigError(f"seeds: give 2 to 1000 different ones, got {few}")
     with clear_errors(f"cannot write to {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
     return [_member(config, seed, folder, tell) for seed in seeds]
