@@ -113,9 +113,7 @@ def _analysed(file: Path, degree: int, balanced: bool) -> State:
     weights = np.diff(edges, prepend=-1.0, append=1.0)
     mean = float(weights @ fields[2].mean(axis=1) / 2.0)
     if fields[2].min() - mean + DEPTH <= 0.0:
-        raise ConfigError(
-            f"{file}: z varies by more than 10 km: check whether its units are m or m2 s-2"
-        )
+        raise ConfigError(f"{file}: z varies by more than 10 km: check its units, m or m2 s-2")
     splines = [
         global_spline(lat, lon, field, 3, sign)
         for field, sign in zip(fields, (-1.0, -1.0, 1.0), strict=True)

@@ -192,7 +192,7 @@ MISTAKES = {
     "sweep williamson2 --steppers rk4 --days 0 --out d": "days: must be greater than 0",
     "run williamson2 --every 0": "every: must be greater than 0",
     "run williamson2 --every 1e308": "every: must be less than or equal to",
-    "run williamson2 --ne 2 --set viscosity.nu=1e308": "the equations overflow in the initial state",
+    "run williamson2 --ne 2 --set viscosity.nu=1e308": "equations overflow in the initial state",
     "run williamson2 --ne 2 --set relaxation.time=1e-320": "of relaxation: rate must be finite",
     "run williamson2 --ne 2 --device cuda:0": "device 'cuda:0'",
     "run williamson2 --ne 2 --device abacus": "device 'abacus'",

@@ -270,7 +270,7 @@ def test_schedules_that_cannot_be(call):
 
 
 def test_a_callback_must_be_callable():
-    with pytest.raises(ConfigError, match="a callback must be a function of the simulation, got 3"):
+    with pytest.raises(ConfigError, match="a callback must be a function, got 3"):
         small().run(days=0.1, callbacks=[3])
     with pytest.raises(ConfigError, match="callbacks: give a list of functions, got <built-in"):
         small().run(days=0.1, callbacks=print)

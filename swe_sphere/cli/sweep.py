@@ -103,9 +103,7 @@ def _planned(
         return [(out, make_plan(flags))]
     plans = recipe.plans(flags)
     if recipe.axis and any(plan.jobs > 1 for plan in plans):
-        raise ConfigError(
-            "jobs: a map ranks by CPU time, which parallel jobs distort: leave jobs out"
-        )
+        raise ConfigError("jobs: a map ranks by CPU time, which jobs distort: leave jobs out")
     return [(out / folder_of(dict(plan)), plan) for plan in plans]
 
 

@@ -272,7 +272,7 @@ def _wrong_kinds(scene: Scene) -> Iterator[str]:
     parameters: Mapping[Any, Any] = scene.parameters
     for key, value in parameters.items():
         if not (isinstance(key, str) and isinstance(value, bool | int | float | str)):
-            yield f"parameters must be numbers, booleans or words by name, got {key!r}: {shown(value)}"
+            yield f"parameters must be numbers, booleans or words, got {key!r}: {shown(value)}"
 
 
 def _wrong_effects(scene: Scene) -> Iterator[str]:

@@ -198,7 +198,7 @@ class RunFile(Nodal):
             RunAttributes.model_validate(found)
             if SUMMARY not in found:
                 raise ConfigError(
-                    f"cannot read {self.path}: it is not a file of a run of swe_sphere, or it is damaged"
+                    f"cannot read {self.path}: it is not a file of a run, or it is damaged"
                 )
             told = table_in(found[SUMMARY])
             new = {k: value for k, value in told.items() if k == "days" or k not in found}

@@ -261,6 +261,4 @@ def leave_ranks() -> None:
 def refuse_ranks() -> None:
     """Raise ConfigError if several ranks were started for work that they cannot share."""
     if world().size > 1:
-        raise ConfigError(
-            "only runs of a scene support several ranks: start this command without a launcher"
-        )
+        raise ConfigError("only runs of a scene support several ranks: start this on its own")

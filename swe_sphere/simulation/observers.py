@@ -314,9 +314,7 @@ class Callback(Observer):
 
     def __post_init__(self) -> None:
         if not callable(self.function):
-            raise ConfigError(
-                f"a callback must be a function of the simulation, got {self.function!r}"
-            )
+            raise ConfigError(f"a callback must be a function, got {self.function!r}")
 
     def check(self, plan: RunPlan) -> None:
         """Raise ConfigError where a call is due in the middle of steps that are taken together."""

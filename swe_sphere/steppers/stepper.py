@@ -218,7 +218,7 @@ class Stepper(Trajectory, ABC):
                 raise ConfigError(f"stepper {cls.name} has no `order`: define it beside its name")
             if cls.family not in (known := get_args(Family)):
                 raise ConfigError(
-                    f"stepper {cls.name}: `family` must be one of {', '.join(known)}, got {cls.family!r}"
+                    f"stepper {cls.name}: `family` must be {' or '.join(known)}, got {cls.family!r}"
                 )
             cls.complete()
             STEPPERS.add(cls)
@@ -410,7 +410,7 @@ class CheckedReplay(Replay):
         for (name, array), values in zip(arrays.items(), repeated, strict=True):
             if not np.array_equal(array.numpy(), values, equal_nan=True):
                 raise ConfigError(
-                    f"stepper {self._stepper.name}: a recorded step computes another {name} than the"
+                    f"stepper {self._stepper.name}: a recorded step gives another {name} than the"
                     " step itself, as `advance` does work on the host, depends on the time or"
                     " changes arrays that `memory` does not name; leave out `repeats_from`"
                 )
