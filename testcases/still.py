@@ -84,7 +84,7 @@ def splash(rotating: bool = False) -> Scene:
 
 
 def gravity_bumps() -> Scene:
-    """Three bumps of different width that radiate gravity waves on the rotating planet.
+    """Three bumps of different width radiating gravity waves on the rotating planet.
 
     From rest, h = 10 km + Σ 1000 m exp(-w d²), d the angular distance: w = 10 at (0.2π, π/3), 80 at
     (1.2π, π/5) and 360 at (1.6π, -π/4).

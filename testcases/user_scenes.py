@@ -46,7 +46,7 @@ Value = bool | Annotated[int, Field(ge=-(2**63), lt=2**63)] | float | str
 
 
 class _File(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False, strict=True):
-    """Schema of the file."""
+    """Contents of a TOML scene file."""
 
     base: str
     name: str | None = None

@@ -20,7 +20,6 @@ class Notes(io.TextIOWrapper):
         return len(text)
 
     def flush(self) -> None:
-        """Write what is buffered."""
         with self._checked():
             super().flush()
 

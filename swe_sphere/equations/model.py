@@ -90,12 +90,10 @@ class Model(DiscreteScene):
 
     @property
     def diffusive(self) -> bool:
-        """True if the scene has viscosity or hyperviscosity."""
         return any(effect.diffuses for effect in self.scene.effects)
 
     @property
     def penalised(self) -> bool:
-        """True if the scene has the edge penalty."""
         return self.scene.effect("edge-penalty") is not None
 
     def damping(self, squares: Array) -> Array:

@@ -128,7 +128,6 @@ class GrowingFile(Growing):
 
     @property
     def _end(self) -> int:
-        """Return the offset of the next record."""
         return self._first + 8 * self.records * sum(self._lengths.values())
 
     def add_record(self, values: Mapping[str, ArrayLike], wait: bool = True) -> None:

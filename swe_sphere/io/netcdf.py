@@ -104,7 +104,6 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
 
     @property
     def frames(self) -> int:
-        """Frames written so far."""
         return self._growing.records
 
     def write(

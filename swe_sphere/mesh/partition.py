@@ -190,7 +190,6 @@ class Partition:
         self._lateness = self._late[chunk]
 
     def part(self, rank: int) -> Part:
-        """Return the elements and nodes of a rank."""
         mesh = self._mesh
         elements = self._order[self._rank[self._order] == rank]
         elements = elements[np.argsort(self._lateness[elements], kind="stable")]
@@ -209,7 +208,6 @@ class Partition:
     def _messages(
         self, rank: int, elements: Integers, nodes: Integers
     ) -> tuple[Integers, dict[int, Integers], dict[int, int]]:
-        """Return contributors, sends and receives of a `Part`."""
         mesh, counts = self._mesh, self._counts[nodes]
         node = np.repeat(np.arange(nodes.size), counts)
         skipped = mesh.gather_offsets[nodes] - (np.cumsum(counts) - counts)
@@ -232,7 +230,6 @@ class Partition:
         return contributors, sends, dict(zip(neighbours.tolist(), received.tolist(), strict=True))
 
     def _spans(self, rank: int, nodes: Integers) -> Integers:
-        """Return the spans of a `Part`."""
         first, behind = self._bounds[rank : rank + 2]
         own = np.flatnonzero(self._rank_of_chunk[self._owner[nodes]] == rank)
         code = self._kind[nodes[own]] * (behind - first) + self._owner[nodes[own]] - first

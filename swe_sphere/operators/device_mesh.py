@@ -90,7 +90,6 @@ class DeviceMesh:
 
     @functools.cached_property
     def chunks(self) -> Chunks:
-        """Chunks for sums over the nodes."""
         return Chunks(self.part, self.comm, self.device)
 
     @functools.cached_property

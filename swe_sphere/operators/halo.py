@@ -96,12 +96,10 @@ class Halo:
         """Number of exchanges so far."""
 
     def __call__(self) -> None:
-        """Exchange the numbers."""
         self.start()
         self.wait()
 
     def start(self) -> None:
-        """Send this rank's numbers."""
         self._going.pack()
         between(self._device, self._start)
 

@@ -83,7 +83,6 @@ class SchurOperator:
             (self._divergence,) = launch.compile(types, helmholtz.divergence)
 
     def field(self) -> Field:
-        """Return a field of zeros."""
         return self.mesh.unshared(1, self._value)
 
     def spread(self, x: wp.array, out: Field) -> None:

@@ -81,7 +81,6 @@ class Wave:
         self._kept.append((known, bounds, arguments, starts))
 
     def __call__(self) -> None:
-        """Run the launches."""
         if self._command is None:
             (kernel,) = self._launch.compile(wp.float64, sweep_strips)
             table = wp.array(np.array(self._rows, np.uint64), dtype=wp.uint64, device="cpu")

@@ -124,7 +124,6 @@ class Limiter:
         self._replay = Replay(launch)
 
     def __call__(self, state: wp.array) -> None:
-        """Limit the tracers of a state."""
         if self._mesh.comm.shared:  # ranks add on the host
             self._limit(state)
         else:

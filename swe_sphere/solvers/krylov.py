@@ -61,12 +61,10 @@ class SolveResult(ABC):
 
     @property
     def converged(self) -> bool:
-        """True if the status is CONVERGED."""
         return self.status is Status.CONVERGED
 
     @property
     def residual(self) -> float:
-        """The last residual norm."""
         return self.history[-1]
 
 
@@ -92,7 +90,6 @@ class LinearResult(SolveResult):
 
     @property
     def counts(self) -> str:
-        """Return iterations and the relative residual."""
         relative = self.residual / (self.scale or 1.0)
         return f"{self.iterations} iterations, relative residual {relative:.1e}"
 

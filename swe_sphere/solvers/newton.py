@@ -98,7 +98,6 @@ class NewtonResult(SolveResult):
 
     @property
     def counts(self) -> str:
-        """Return iterations and residuals."""
         return (
             f"{self.newton_iterations} Newton and {self.krylov_iterations} Krylov iterations,"
             f" residual {self.history[0]:.1e} to {self.residual:.1e}, wanted {self.target:.1e}"
@@ -106,7 +105,6 @@ class NewtonResult(SolveResult):
 
     @property
     def newton_iterations(self) -> int:
-        """Number of Newton iterations."""
         return len(self.krylov)
 
     @property

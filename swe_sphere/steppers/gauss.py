@@ -50,7 +50,6 @@ class ForwardElimination(Preconditioner):
             part.update(state, diagonal * tau)
 
     def apply(self, r: wp.array, out: wp.array) -> None:
-        """Set out to about (I - dt A (x) J)^-1 r, both (2n,)."""
         n, space, factor = self._space.n, self._space, A[1][0] / DIAGONAL[0]
         self._parts[0](r[:n], out[:n])
         space.copy(r[n:], self._work)

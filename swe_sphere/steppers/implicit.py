@@ -57,7 +57,6 @@ class StageProblem:
         self._model.tendency(x, self.time, self._slope)
 
     def linearise(self, x: wp.array) -> None:
-        """Fix the state of the Jacobian."""
         self._operator.update(x, self.time)
 
     def jacobian(self, d: wp.array, out: wp.array) -> None:

@@ -90,7 +90,6 @@ class Motion:
         return SHARE * constant * first * float(second ** (order - 1))
 
     def arrays(self) -> dict[str, wp.array]:
-        """Return the arrays that an exact restart needs."""
         return {"mean_slope": self.mean_slope, "bend": self.bend}
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
@@ -98,7 +97,6 @@ class Motion:
         return {"motion": np.array([self.rate, self.last_dt, *self.frequencies])}
 
     def load_state_dict(self, saved: dict[str, NDArray[Any]]) -> None:
-        """Resume from the result of `state_dict`."""
         self.rate, self.last_dt, first, second = saved["motion"].tolist()
         self.frequencies = first, second
 

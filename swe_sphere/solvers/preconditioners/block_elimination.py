@@ -88,11 +88,9 @@ class Helmholtz(BlockElimination):
         self._multilevel = Multilevel(self.operator)
 
     def invert(self, tau: float, depth: Array) -> None:
-        """Prepare the cycles for the implicit step tau [s] and the depth (N,) [m]."""
         self._multilevel.setup(tau, depth)
 
     def solve(self, b: Field, x: Field) -> None:
-        """Set x to about S^-1 b; b is overwritten."""
         self._multilevel.solve(b, x)
 
 
@@ -103,15 +101,12 @@ class DirectElimination(BlockElimination):
 
     @classmethod
     def memory_of_factors(cls, nodes: int, np: int) -> float:
-        """Return the approximate memory [bytes] of the factors for a mesh of `nodes` nodes."""
         return 12.0 * 2.2 * (np - 1) * nodes * math.sqrt(nodes)
 
     def invert(self, tau: float, depth: Array) -> None:
-        """Factorise for the implicit step tau [s] and the depth (N,) [m]."""
         self._factors = scipy.sparse.linalg.splu(
             self.matrix.matrix(tau, depth).tocsc(), permc_spec="MMD_AT_PLUS_A"
         )
 
     def solve(self, b: Field, x: Field) -> None:
-        """Set x = S^-1 b."""
         self.operator.put(self._factors.solve(self.operator.fetch(b)), x)

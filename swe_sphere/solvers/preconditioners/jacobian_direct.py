@@ -66,7 +66,6 @@ class JacobianDirect(KeptSetup):
         return self._collected(self._image)
 
     def apply(self, r: wp.array, out: wp.array) -> None:
-        """Set out to about (I - tau J)^-1 r, both states."""
         fluid = self._collected(r)
         solution = np.empty_like(fluid)
         solution[self._order] = self._factors.solve(fluid[self._order].astype(np.float32))

@@ -124,14 +124,12 @@ class KeptSetup(Preconditioner):
         self._tau, self._flow = 0.0, np.zeros(0)
 
     def setup(self, state: wp.array, tau: float) -> None:
-        """Prepare for the implicit step tau [s] at a state; no work if little has changed."""
         mesh = self._model.device_mesh
         flow = state[self.first * mesh.size : self._model.fluid_size]
         if abs(tau - self._tau) > STEP_CHANGE * tau or not self._is_near(flow):
             self._make(tau, mesh.collect(flow).astype(np.float64))
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """Return the step and flow of the set-up in use."""
         return {"setup_tau": np.array(self._tau), "setup_flow": self._flow.copy()}
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
