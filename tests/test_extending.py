@@ -160,7 +160,7 @@ def test_the_same_file_gives_the_same_class_until_it_is_edited(here) -> None:
         (RK + "class A(RungeKutta):\n    name = 'a'\n", "stepper a has no `order`"),
         (
             RK + EULER.format("A", "one") + "    family = 'mine'\n",
-            "stepper one: `family` must be explicit, .*, got 'mine'",
+            "stepper one: `family` must be explicit or .*, got 'mine'",
         ),
     ],
 )

@@ -189,7 +189,7 @@ def test_a_run_that_became_unstable_is_rescued_with_dissipation(tmp_path):
     [
         ({"initial": "nowhere.nc"}, "there is no file nowhere.nc"),
         ({"initial": 3}, "initial: give a file, a dataset or a function, got 3"),
-        ({"initial_time": 0.5}, "not None; initial-time chooses a frame of it"),
+        ({"initial_time": 0.5}, "got None; initial-time chooses a frame of it"),
         ({"initial": np.sin, "initial_time": 0.5}, "initial-time chooses a frame of it"),
     ],
 )

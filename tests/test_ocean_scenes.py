@@ -93,7 +93,7 @@ def test_bounds():
     for name, given, message in (
         ("tide", {"depth": 10.0}, "depth must be 1000 m to 1e6 m, got 10"),
         ("tide", {"constituent": "m3"}, "constituent must be one of m2, s2, k1, o1, got 'm3'"),
-        ("slow-ocean", {"n": 3}, "n m to m [+] 12, not 4 and 3"),
+        ("slow-ocean", {"n": 3}, "n m to m [+] 12, got 4 and 3"),
         ("slow-ocean", {"speed": 11.0}, "at most 10 m/s, got 11"),
         ("relaxed-jet", {"time": 0.0}, "time must be positive"),
     ):

@@ -330,7 +330,7 @@ def globe(run, **look):
     ({"projection": "orthographic", "centre": (0.0, 95.0)}, "latitude of the centre must be -90"),
     ({"projection": "orthographic", "region": (0.0, 1.0, 0.0, 1.0)}, "takes a centre and no"),
     ({"projection": "north-polar", "region": (-180.0, 180.0, -90.0, 90.0)}, "60 degrees beyond"),
-    ({"limits": (2.0, 1.0)}, "low < high"), ({"levels": 0}, "greater than or equal to 1, not 0"),
+    ({"limits": (2.0, 1.0)}, "low < high"), ({"levels": 0}, "greater than or equal to 1, got 0"),
     ({"winds": "barbs"}, "winds: must be 'arrows' or 'streamlines', got 'barbs'"),
 ])  # fmt: skip
 def test_looks_that_cannot_be(look, reason):

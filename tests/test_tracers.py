@@ -218,8 +218,8 @@ def test_settings_reach_the_tracers():
 @pytest.mark.parametrize(
     ("changes", "complaint"),
     [
-        ({"tracers": {}}, "there is none"),
-        ({"tracers": {"a b": wave}}, "not 'a b'"),
+        ({"tracers": {}}, "at least one tracer"),
+        ({"tracers": {"a b": wave}}, "got 'a b'"),
         ({"tracers": None}, "needs the function 'tracers'"),
         ({"effects": get_scene("williamson5").effects}, "without effect 'tracers'"),
     ],
