@@ -92,7 +92,7 @@ def price() -> Section:
             )
             rows.append(
                 [f"ne{ne} np{np_}", name, f"{1e3 * rhs:.3f}", f"{tangent / rhs:.2f}",
-                 f"{apply / rhs:.2f}", f"{made.setup_seconds:.2f}"]
+                 f"{apply / rhs:.2f}", f"{model.counters['setup_seconds']:.2f}"]
             )  # fmt: skip
     return Section(
         "Price of a Jacobian product and of a preconditioner application",

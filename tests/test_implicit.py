@@ -325,7 +325,10 @@ def test_iterations_are_the_same_on_another_planet(small_mountain, name: str) ->
     )
     model = Model(Mesh.build(2, 4, radius=planet.radius), other)
     ours, theirs = advance(name, model, time * HOUR, 6), advance(name, small_mountain, HOUR, 6)
-    assert ours.counters == pytest.approx(theirs.counters, rel=0.1)
+    # other steppers have counted evaluations of the shared model too
+    own = ours.counters.keys() - {"rhs_evaluations", "tangent_evaluations", "setup_seconds"}
+    counts = [{name: each.counters[name] for name in own} for each in (ours, theirs)]
+    assert counts[0] == pytest.approx(counts[1], rel=0.1)
     scaled = ours.state.numpy().reshape(3, -1) / [[speed], [speed], [length]]
     assert relative(scaled.ravel(), theirs.state.numpy(), 3) < 1e-5
 
@@ -438,7 +441,7 @@ def test_bdf2_and_its_start_share_one_set_up(small_mountain) -> None:
     stepper.start(small_mountain.initial_state())
     for _ in range(2):
         stepper.step()
-    assert stepper.costs()["setups"] == 1
+    assert stepper.counters["setups"] == 1
 
 
 def test_a_failing_start_of_bdf2_leaves_no_trace(small_mountain, monkeypatch) -> None:

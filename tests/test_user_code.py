@@ -32,7 +32,6 @@ METHODS = {
     "start": "    def start(self, state, t=0.0):\n        {fault}\n",
     "advance": "    def advance(self):\n        {fault}\n",
     "swap": "    def swap(self):\n        {fault}\n",
-    "costs": "    def costs(self):\n        {fault}\n",
     "state_dict": "    def state_dict(self):\n        {fault}\n",
     "growth": "    @classmethod\n    def growth(cls, *z):\n        {fault}\n",
     "stable_dt": "    @classmethod\n    def stable_dt(cls, *radii):\n        {fault}\n",

@@ -41,7 +41,8 @@ class DiscreteScene:
         self.device, self.shape, self.precision = device, shape, precision
         self.launch = Launcher(device, comm, mesh.np**2)
         self.device_mesh = DeviceMesh(mesh, device, REALS[precision], shape, comm)
-        self.counters = {"rhs_evaluations": 0, "tangent_evaluations": 0}
+        self.counters: dict[str, float] = {"rhs_evaluations": 0, "tangent_evaluations": 0}
+        """Counts of what is computed, and seconds where the name says so."""
         self.fluid = ("h",) if scene.wind else ("u", "v", "h")
         """Names of the blocks (N,) of wind and depth in a state; tracers come behind them."""
         self.fluid_size = len(self.fluid) * self.device_mesh.size

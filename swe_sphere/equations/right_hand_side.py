@@ -63,7 +63,7 @@ class RightHandSide:
     """The operations in the order in which they are launched."""
     prescribed: tuple[PrescribedFields, ...]
     """The fields to update to the time t [s]."""
-    counters: dict[str, int]
+    counters: dict[str, float]
     counter: str | None
     """Counter that each evaluation increases by 1; None if there is none."""
     replay: Replay

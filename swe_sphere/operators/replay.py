@@ -26,10 +26,10 @@ class Replay:
     belong to the outer recording.
     """
 
-    def __init__(self, launch: Launcher, counters: dict[str, int] | None = None) -> None:
+    def __init__(self, launch: Launcher, counters: dict[str, float] | None = None) -> None:
         """Create a replay; blocks may increase `counters`, which recordings increase as well."""
         self._launch, self._counters = launch, {} if counters is None else counters
-        self._known: dict[Hashable, tuple[Pieces, dict[str, int]] | None] = {}
+        self._known: dict[Hashable, tuple[Pieces, dict[str, float]] | None] = {}
         """The recordings by key, with what they add to counters; None after the first run."""
 
     def __call__(self, key: Hashable, block: Callable[..., None], *arguments: Any) -> None:

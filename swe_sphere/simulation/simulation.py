@@ -586,8 +586,7 @@ class Simulation:
         """Return counters and seconds of the run, with those before a restart."""
         counted, now = self._counted, self.model.counters
         counts: Numbers = {name: n - counted.get(name, 0) for name, n in now.items()}
-        costs = {} if self._stepper is None else self._stepper.costs()
-        counts |= costs | {"wall_seconds": self.wall_seconds}
+        counts["wall_seconds"] = self.wall_seconds
         return {name: n + self._spent.get(name, 0) for name, n in counts.items()}
 
     @property

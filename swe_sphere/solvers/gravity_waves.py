@@ -207,7 +207,8 @@ class GravityWaves:
         self._krylov = ConjugateGradients(self.space)
         self._b, self._h = self.space.zeros(), self.space.zeros()
         self._ones = wp.full_like(self._b, 1.0)
-        self.tau, self.setups, self.setup_seconds = 0.0, 0, 0.0
+        self.tau, self._counters = 0.0, model.counters
+        self._counters |= {"setups": 0, "setup_seconds": 0.0}
 
     def linearise(self, state: wp.array) -> None:
         """Fix the mixing ratios with which tracers follow the waves."""
@@ -233,8 +234,8 @@ class GravityWaves:
         launch = self.operator.launch
         self._system = recorded(launch, self._product)
         self._precondition = recorded(launch, self._inverse)
-        self.setups += 1
-        self.setup_seconds += time.perf_counter() - start
+        self._counters["setups"] += 1
+        self._counters["setup_seconds"] += time.perf_counter() - start
 
     def solve(self, r: wp.array, guess: wp.array, out: wp.array, tolerance: float) -> LinearResult:
         """Set out = (I - tau L)^-1 r, both states, from a guess (N,) of the depth.

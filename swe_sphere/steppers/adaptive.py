@@ -72,7 +72,7 @@ class AdaptiveSteps(Trajectory):
         self.scheme, self._power = scheme, scheme.estimate_order
         self.name, self.order = scheme.name, scheme.order  # type: ignore[misc]
         super().__init__(scheme.model, scheme.dt)
-        self.state, self.counters, self.solver = scheme.state, scheme.counters, scheme.solver
+        self.state, self.solver = scheme.state, scheme.solver
         self.counters["accepted_steps"] = 0
         self._loosest = scheme.solver.loosest
         self.tolerance = self._before = tolerance

@@ -40,11 +40,6 @@ class ForwardElimination(Preconditioner):
         """Store the space of one stage, and one preconditioner in `parts` per implicit step."""
         self._space, self._parts, self._work = space, parts, model.zeros()
 
-    def costs(self) -> dict[str, float]:
-        """Return the counts of both; each set-up and application is that of one stage."""
-        first, second = (part.costs() for part in self._parts)
-        return {name: cost + second[name] for name, cost in first.items()}
-
     def setup(self, state: wp.array, tau: float) -> None:
         for part, diagonal in zip(self._parts, DIAGONAL, strict=True):
             part.update(state, diagonal * tau)

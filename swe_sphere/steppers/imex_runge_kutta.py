@@ -54,7 +54,7 @@ class ImexStepper(Stepper):
     ) -> None:  # fmt: skip
         self.solver = solver or WaveSolver(model, self.solver_tolerance(tolerance), self.name)
         super().__init__(model, dt)
-        self.counters, self.space = self.solver.counters, self.solver.space
+        self.space = self.solver.space
         n = model.device_mesh.size
         self._depth = slice(2 * n, 3 * n)
         self.allocate()

@@ -91,7 +91,7 @@ class NewtonStages(StageSolver):
             space, FlexibleGMRES(space, size), max_iterations=NEWTON_ITERATIONS,
             max_krylov=2 * KRYLOV_SIZE,
         )  # fmt: skip
-        self.counters = {"rejected_steps": 0, "newton_iterations": 0, "krylov_iterations": 0}
+        self.counters |= {"rejected_steps": 0, "newton_iterations": 0}
         self._known = self.newton.nonlinearity
         self._units: list[tuple[str, wp.array, float]] = []
         """Conserved fields: a state that is zero but for 1 m of the field, and its squared norm."""
@@ -160,10 +160,6 @@ class NewtonStages(StageSolver):
             more = gain if conserved == "mass" else 0.0
             self.space.match_mean(rhs, x, unit, square, more)
 
-    def costs(self) -> dict[str, float]:
-        made = self.problem.precondition
-        return {} if made is None else made.costs()
-
     def state_dict(self) -> dict[str, NDArray[Any]]:
         made, known = self.problem.precondition, self.newton.nonlinearity
         saved = super().state_dict() | ({} if made is None else made.state_dict())
@@ -190,7 +186,7 @@ class VariableStepper(Stepper):
 
     def __init__(self, model: Model, dt: float, solver: StageSolver) -> None:
         super().__init__(model, dt)
-        self.solver, self.counters, self.space = solver, solver.counters, solver.space
+        self.solver, self.space = solver, solver.space
         self.new: wp.array = self.model.zeros()
         """The state after the step last attempted."""
 

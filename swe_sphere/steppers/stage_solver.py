@@ -125,7 +125,8 @@ class StageSolver(Motion):
         """Largest residual that a solve may leave, relative to the change over a step."""
         self.tolerance = tolerance
         """Residual of the solves of the present step, relative to the change over it."""
-        self.counters = {"krylov_iterations": 0}
+        self.counters = model.counters
+        self.counters["krylov_iterations"] = 0
         self.state: wp.array = None
         """The state from which the present step is taken."""
         waves = model.scene.effect("pressure-gradient") is not None
@@ -170,10 +171,6 @@ class StageSolver(Motion):
         lowest = self.space.lowest(state, end - self.model.device_mesh.size, end)
         return None if lowest > 0.0 else f"the depth falls to {lowest:.3g} m"
 
-    def costs(self) -> dict[str, float]:
-        """Return counts of set-ups and applications of a preconditioner, and seconds of set-ups."""
-        return {}
-
 
 class WaveSolver(StageSolver):
     """Solver of (I - tau L) x = r, with L of `GravityWaves`.
@@ -200,7 +197,3 @@ class WaveSolver(StageSolver):
                 f"{self._name}: the gravity waves at {t:.0f} s cannot be solved for: "
                 f"{result.message}; choose a smaller --dt"
             )
-
-    def costs(self) -> dict[str, float]:
-        """Return the number of set-ups, and their time [s]."""
-        return {"setups": self.waves.setups, "setup_seconds": self.waves.setup_seconds}

@@ -77,7 +77,7 @@ class Trajectory:
         self.state: wp.array = model.zeros()
         self.steps = 0
         """Number of steps of dt since the start."""
-        self.counters: dict[str, int] = {}
+        self.counters = model.counters
         self.origin = 0.0
         """Time of the start [s]."""
 
@@ -105,10 +105,6 @@ class Trajectory:
     def take(self, most: int) -> None:
         """Take a step, or several that are faster together, at most `most`."""
         self.step()
-
-    def costs(self) -> dict[str, float]:
-        """Return counts of the steps so far, and seconds under names that say so."""
-        return dict(self.counters) | ({} if self.solver is None else self.solver.costs())
 
     def arrays(self) -> dict[str, wp.array]:
         """Return the arrays in `memory`, by name."""

@@ -205,9 +205,6 @@ class CarriedTracers(TracerSteps):
                 self._space.match_mean(before[mass], new[mass], self._ones)
         wp.copy(self.state, self.scheme.state, count=self._depth.stop)
 
-    def costs(self) -> dict[str, float]:
-        return self.scheme.costs() | super().costs()
-
     def restart_arrays(self) -> dict[str, wp.array]:
         return super().restart_arrays() | _of_flow(self.scheme.restart_arrays())
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from swe_sphere.equations.model import Model
 from swe_sphere.solvers.preconditioners.preconditioner import (
+    COSTS,
     PRECONDITIONERS,
     Preconditioner,
     Unpreconditioned,
@@ -29,6 +30,8 @@ def make_preconditioner(
     if kind is Unpreconditioned or model.scene.wind is not None:
         return None
     made = kind(model)  # type: ignore[call-arg]
+    made.counters = model.counters
+    made.counters |= dict.fromkeys(COSTS, 0)
     if model.tracers is not None:
         made.ratio = model.tracers.mixing_ratio()
     return made

@@ -18,6 +18,7 @@ from swe_sphere.settings.registry import Registry
 PRECONDITIONERS: "Registry[Preconditioner]" = Registry("preconditioner")
 """All preconditioners by name; a class with a `name` is entered where it is defined."""
 
+COSTS = ("preconditioner_applications", "setups", "setup_seconds")
 LARGEST_MEMORY = 4e9
 """Largest memory [bytes] of a factorisation or of patch inverses."""
 STEP_CHANGE = 0.1
@@ -39,8 +40,8 @@ class Preconditioner(ABC):
     name: ClassVar[str]
     """Name for users; a class without a name is a base of others."""
 
-    setups, applications, setup_seconds = 0, 0, 0.0
-    """Set-ups and applications so far, and wall time of the former [s]."""
+    counters: dict[str, float] = dict.fromkeys(COSTS, 0)
+    """Counts of the model, which `make_preconditioner` enters, and seconds of set-ups."""
     ratio: MixingRatio | None = None
     """Mixing ratios of the tracers of a state; None without tracers."""
 
@@ -70,18 +71,10 @@ class Preconditioner(ABC):
 
     def __call__(self, r: wp.array, out: wp.array) -> None:
         """Write about (I - tau J)^-1 r to `out`, both states, tracers included."""
-        self.applications += 1
+        self.counters["preconditioner_applications"] += 1
         self.apply(r, out)
         if self.ratio is not None:
             self.ratio.follow(r, out)
-
-    def costs(self) -> dict[str, float]:
-        """Return its cost so far: counts, and time of the set-ups [s]."""
-        return {
-            "preconditioner_applications": self.applications,
-            "setups": self.setups,
-            "setup_seconds": self.setup_seconds,
-        }
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Return the inputs from which a restarted run rebuilds the set-up in use."""
@@ -142,8 +135,8 @@ class KeptSetup(Preconditioner):
         start = time.perf_counter()
         self._tau, self._flow = tau, flow
         self._prepare(tau, flow)
-        self.setups += 1
-        self.setup_seconds += time.perf_counter() - start
+        self.counters["setups"] += 1
+        self.counters["setup_seconds"] += time.perf_counter() - start
 
     @abstractmethod
     def _is_near(self, flow: wp.array) -> bool:

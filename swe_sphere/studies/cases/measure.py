@@ -294,7 +294,7 @@ def _series(case: Case, run: RunConfig, tick: Tick | None) -> Summary:
     series = Series(sim.plan, case.symmetries)
     series.observe(sim.snapshot)
     ended = _stepped(case, sim, tick, series)
-    costs = sim.stepper.costs()
+    costs = sim.counts()
     numbers = series.numbers() | {
         "dt": sim.plan.dt,
         "dt_over_gravity": sim.plan.dt / sim.gravity_limit,
