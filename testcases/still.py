@@ -47,7 +47,7 @@ def _smooth_bottom(lon: Array, lat: Array) -> Array:
     return height
 
 
-def splash(rotating: bool = False) -> Scene:
+def splash() -> Scene:
     """Heap of water that spreads and meets itself at the antipode.
 
     Without wind and rotation,
@@ -56,31 +56,14 @@ def splash(rotating: bool = False) -> Scene:
 
     γ the angular distance from (3π/2, 0). The crest converges at the antipode after 1.44 days,
     before the 1.65 days of a small wave. Its height then depends on the mesh.
-
-    Args:
-        rotating: the same flow, seen from a frame that rotates backwards by (40 m/s) / a: with
-            u = 40 m/s cos θ, f = -2 (40 m/s / a) sin θ and, often left out, the bottom
-            g b = (40 m/s sin θ)²/2 that represents the centrifugal force. Depths are those of the
-            inertial frame, turned eastward.
     """
-    wind = 40.0  # at the equator, of air at rest in an inertial frame, seen from the rotating one
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
         within = np.minimum(3.0 * distance(lon, lat, *CENTRE), 1.0)
         depth = 2000.0 + 500.0 * (1.0 + np.cos(np.pi * within))
-        return (wind * np.cos(lat) if rotating else 0.0 * lat), 0.0 * lat, depth
+        return 0.0 * lat, 0.0 * lat, depth
 
-    def centrifugal(lon: Array, lat: Array) -> Array:
-        return (wind * np.sin(lat)) ** 2 / (2.0 * EARTH.gravity) + 0.0 * lon
-
-    return build_scene(
-        "splash",
-        title="splash, seen from a turning frame" if rotating else "splash",
-        effects=(*DYNAMICS, *((Rotation(), Orography()) if rotating else ())),
-        initial=initial,
-        bottom=centrifugal if rotating else None,
-        planet=Planet(EARTH.radius, EARTH.gravity, -wind / EARTH.radius) if rotating else STILL,
-    )
+    return build_scene("splash", effects=DYNAMICS, initial=initial, planet=STILL)
 
 
 def gravity_bumps() -> Scene:

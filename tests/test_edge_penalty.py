@@ -13,6 +13,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
+from swe_sphere.steppers.split_diffusion import HeldPenalty
 from swe_sphere.testcases import get_scene
 
 SPEED, C = 30.0, 0.02
@@ -293,3 +294,13 @@ def test_absent_penalties_leave_the_kernels_as_they_are():
     scene = get_scene("williamson2").with_effect(EdgePenalty(0.0))
     assert not Model(mesh, scene).diffusive
     assert Model(mesh, scene.with_effect(Hyperviscosity())).diffusive
+
+
+def test_a_part_of_a_long_step_holds_the_rate_of_that_part():
+    model = Model(Mesh.build(2, 4), make_scene("rotation").with_effect(EdgePenalty(C, SPEED)))
+    state, slope = model.device_mesh.upload(random_state(model)), model.zeros()
+    part = 5.0 / model.penalty_radius
+    of_whole, of_part = (HeldPenalty(model, dt) for dt in (4.0 * part, part))
+    for held in (of_whole, of_part):
+        held.find(state, slope, 0.0, part)
+    assert np.array_equal(of_whole.rate.numpy(), of_part.rate.numpy())

@@ -33,7 +33,7 @@ VARIANTS: list[tuple[str, Given]] = [
     ("mcdonald-bates", {}),
     ("modons", {}),
     *(("turbulence", {"rotating": r}) for r in (True, False)),
-    *(("splash", {"rotating": r}) for r in (True, False)),
+    ("splash", {}),
     ("gravity-bumps", {}),
     ("dam-break", {}),
     *(("tide", {"constituent": c}) for c in ("m2", "o1")),

@@ -6,24 +6,20 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from swe_sphere.arrays import Array
+from swe_sphere.io.integrals import DRIFTS
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.planet import DAY
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """Okabe and Ito's palette, which colour-blind readers distinguish too, without black and yellow,
 which vanish on dark or on light paper."""
+ROUND = 2.0**-53
 STYLES = ("-", "--", "-.", ":", "-", "--")
 ERRORS = {
     "l2_h": "$l_2$ height",
     "linf_h": r"$l_\infty$ height",
     "l2_v": "$l_2$ wind",
     "linf_v": r"$l_\infty$ wind",
-}
-CONSERVED = {
-    "mass_drift": "mass",
-    "energy_drift": "energy",
-    "enstrophy_drift": "potential enstrophy",
-    "angular_momentum_drift": "angular momentum",
 }
 
 
@@ -44,8 +40,8 @@ def panels(run: RunFile) -> list[Panel]:
     later = np.where(times > 0.0, 1.0, np.nan)
     errors = {label: series[name] for name, label in ERRORS.items() if name in series}
     drifts = {  # drifts below round-off, including zero, are drawn at round-off
-        label: later * np.maximum(np.abs(series[name]), 2.0**-53)
-        for name, label in CONSERVED.items()
+        of.removeprefix("axial_").replace("_", " "): later * np.maximum(np.abs(series[name]), ROUND)
+        for name, of in DRIFTS.items()
         if name in series
     }
     found = []

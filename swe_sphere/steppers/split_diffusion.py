@@ -29,6 +29,8 @@ limit `forward-backward` amplifies waves whose factor is below -0.24, at 0.95 it
 LONGEST_CYCLE = 24
 """Largest number of steps between two actions of the edge penalty, which are also at most 1.5
 radians of inertial oscillations apart: the modes that it removes are such oscillations."""
+MIDPOINT = 1.5
+"""Largest rate times step for one step of the midpoint rule with the edge penalty."""
 MOST_PARTS = 200
 """Largest number of consecutive actions of the edge penalty."""
 HELD = 0.75
@@ -128,22 +130,14 @@ class SplitPenalty:
     penalty must be weak enough not to affect waves near the stability limit of the step.
     """
 
-    def __init__(
-        self, model: Model, dt: float, chains: int | None, most: int = LONGEST_CYCLE
-    ) -> None:
+    def __init__(self, model: Model, dt: float, chains: int | None) -> None:
         self._model, self._second_order = model, chains is None
         self._chains = chains or 1
-        reach, whole = {None: (1.5, 1.5), 1: (0.7, 1.0), 2: (0.5, 1.0)}[chains]
+        reach, whole = {None: (MIDPOINT, MIDPOINT), 1: (0.7, 1.0), 2: (0.5, 1.0)}[chains]
         radius, rotation = model.penalty_radius, abs(model.scene.planet.rotation)
         longest = min(reach / radius, 0.75 / rotation if rotation else math.inf)
-        self.every = min(most, max(2, 2 * int(min(longest / (2.0 * dt), LONGEST_CYCLE // 2))))
-        needed = self.every * dt * radius / whole
-        if not needed <= MOST_PARTS:
-            raise ConfigError(
-                f"edge-penalty.c is {needed / MOST_PARTS:.2g} times what steps of {dt:.4g} s allow:"
-                " take a smaller c, or a shorter step"
-            )
-        self._parts = max(1, math.ceil(needed))
+        self.every = max(2, 2 * int(min(longest / (2.0 * dt), LONGEST_CYCLE // 2)))
+        self._parts = penalty_parts(self.every * dt * radius / whole, dt)
         self._tau = self.every * dt / self._parts
         self._middle, self._change = model.zeros(), model.zeros(2 * model.device_mesh.size)
         self._add = combine_kernel(model.device_mesh.real, 1)
@@ -173,6 +167,16 @@ class SplitPenalty:
             follow(change)
 
 
+def penalty_parts(needed: float, dt: float) -> int:
+    """Return the number of equal parts of an action; ConfigError for too many in a step dt [s]."""
+    if not needed <= MOST_PARTS:
+        raise ConfigError(
+            f"edge-penalty.c is {needed / MOST_PARTS:.2g} times what steps of {dt:.4g} s allow:"
+            " take a smaller c, or a shorter step"
+        )
+    return max(1, math.ceil(needed))
+
+
 class HeldPenalty:
     """The edge penalty as a `rate` of the wind that is constant in a step of at most dt [s].
 
@@ -180,10 +184,10 @@ class HeldPenalty:
     """
 
     def __init__(self, model: Model, dt: float) -> None:
+        penalty_parts(dt * model.penalty_radius / MIDPOINT, dt)
         self.rate = model.zeros(2 * model.device_mesh.size)
-        self._model, self._dt, self._longest = model, dt, HELD / model.penalty_radius
-        self._point, self._end = model.zeros(), model.zeros()
-        self._split = SplitPenalty(model, dt, None, most=1)
+        self._model = model
+        self._point, self._middle, self._end = (model.zeros() for _ in range(3))
         self._add = combine_kernel(model.device_mesh.real, 1)
 
     def find(self, state: wp.array, slope: wp.array, ahead: float, dt: float) -> None:
@@ -192,12 +196,16 @@ class HeldPenalty:
         Long steps, which would overshoot, use the mean rate of a step of the penalty.
         """
         launch, add, rate, end = self._model.launch, self._add, self.rate, self._end
+        penalise, reach = self._model.penalise, dt * self._model.penalty_radius
         launch(add, end.size, state, slope, ahead, self._point)
         rate.zero_()
-        if dt <= self._longest:
-            self._model.penalise(self._point, 1.0, rate, rate)
+        if reach <= HELD:
+            penalise(self._point, 1.0, rate, rate)
             return
         wp.copy(end, self._point)
-        self._split.act(end)
-        launch(add, rate.size, rate, end, 1.0 / self._dt, rate)
-        launch(add, rate.size, rate, self._point, -1.0 / self._dt, rate)
+        parts = penalty_parts(reach / MIDPOINT, dt)
+        for _ in range(parts):
+            penalise(end, 0.5 * dt / parts, self._middle, end)
+            penalise(self._middle, dt / parts, end, end)
+        launch(add, rate.size, rate, end, 1.0 / dt, rate)
+        launch(add, rate.size, rate, self._point, -1.0 / dt, rate)

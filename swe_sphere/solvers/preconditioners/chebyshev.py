@@ -1,6 +1,8 @@
 """Fourth-kind Chebyshev smoothing, which requires only a bound on the largest eigenvalue."""
 
+import tomllib
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import scipy
@@ -8,21 +10,7 @@ import scipy
 from swe_sphere.arrays import Array
 from swe_sphere.operators.schur import SchurOperator
 
-OPTIMAL = {
-    1: (1.12500000000000,),
-    2: (1.02387287570313, 1.26408905371085),
-    3: (1.00842544782028, 1.08867839208730, 1.33753125909618),
-    4: (1.00391310427285, 1.04035811188593, 1.14863498546254, 1.38268869241000),
-    5: (1.00212930146164, 1.02173711549260, 1.07872433192603, 1.19810065292663, 1.41322542791682),
-    6: (
-        1.00128517255940,
-        1.01304293035233,
-        1.04678215124113,
-        1.11616489419675,
-        1.23829020218444,
-        1.43524297106744,
-    ),
-}
+OPTIMAL = tomllib.loads(Path(__file__).with_name("chebyshev.toml").read_text("utf-8"))
 """Weights beta_k by degree (Lottes 2023, doi:10.1002/nla.2518, table 1)."""
 KRYLOV_SIZE = 20
 """Number of products for the largest eigenvalue to less than a per cent; a power iteration needs
@@ -39,7 +27,7 @@ def chebyshev_coefficients(degree: int, largest: float) -> list[tuple[float, flo
         ((2 * k - 3) / (2 * k + 1), (8 * k - 4) / ((2 * k + 1) * largest))
         for k in range(2, degree + 1)
     ]
-    return [(*step, beta) for step, beta in zip(steps, OPTIMAL[degree], strict=True)]
+    return [(*step, beta) for step, beta in zip(steps, OPTIMAL[str(degree)], strict=True)]
 
 
 def largest_eigenvalue(operator: SchurOperator, inverse: Array) -> float:
