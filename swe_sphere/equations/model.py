@@ -30,7 +30,6 @@ from swe_sphere.operators.replay import Replay
 from swe_sphere.operators.tracers import Limiter
 from swe_sphere.ranks.communicator import Communicator
 
-JACOBIANS = ("exact", "difference")
 LEAST_DEPTH = 1e-30
 """Depths below this [m] count as zero: their reciprocal may overflow in the run's precision."""
 
@@ -45,17 +44,14 @@ class Model(DiscreteScene):
     group of elements on a CPU and one thread per node elsewhere. comm: the ranks that share the
     mesh; by default there is only one.
 
-    Raises ConfigError for an unknown device, precision, launch shape or kind of Jacobian.
+    Raises ConfigError for an unknown device, precision or launch shape.
     """
 
     def __init__(
         self, mesh: Mesh, scene: Scene, device: str = "cpu", precision: str = "float64",
-        shape: str | None = None, jacobian: str = "exact", comm: Communicator | None = None,
+        shape: str | None = None, comm: Communicator | None = None,
     ) -> None:  # fmt: skip
-        if jacobian not in JACOBIANS:
-            raise ConfigError(f"jacobian must be exact or difference, got {jacobian!r}")
         super().__init__(mesh, scene, device, precision, shape, comm or Communicator())
-        self._jacobian = jacobian
         self._carry(flux=False)
 
     def _carry(self, flux: bool) -> None:
@@ -257,7 +253,7 @@ class Model(DiscreteScene):
 
     def jacobian(self) -> Jacobian:
         """Return a Jacobian that `update` moves from state to state."""
-        if self._jacobian == "difference" or not all(e.differentiable for e in self.scene.effects):
+        if not all(effect.differentiable for effect in self.scene.effects):
             return DifferenceJacobian(self, self.names, self.tendency)
         needed = self.tracers is not None or needs_base(self)
         base = self.zeros() if needed else None
