@@ -15,7 +15,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import Norms, norms
 from swe_sphere.io.layout import TRACER, in_python
 from swe_sphere.io.runfile import Source, checked, reading
-from swe_sphere.io.scalar_fields import Sampler, check_field, derive, evaluate
+from swe_sphere.io.scalar_fields import Sampler, derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.mesh.sphere import global_spline
 from swe_sphere.operators.diagnose import divergence, vorticity
@@ -148,16 +148,6 @@ class OnGrid:
         self._reference = reference
         self._interpolator = Interpolator(mesh, *reference.points)
 
-    def norms(self, fields: Mapping[str, Array], field: str = "h") -> dict[str, float]:
-        """Return l1, l2, linf of the polynomials in the elements at the points of the grid.
-
-        fields: u, v [m s-1], h, b [m], vorticity, divergence [s-1] at the nodes (N,), as far as the
-        field needs them. field: "h", "surface" (h + b), "vorticity", "wind" (the vector), ...
-        Raises ConfigError for an unknown field, or one that the reference does not have.
-        """
-        name = reference_field(self._reference, check_field(field, vector=True), fields.get("b"))
-        return norms(self._reference.area, *self._pair(fields, name))
-
     def errors(self, fields: Mapping[str, Array], height: str) -> Norms:
         """Return errors of height and, as far as the reference has them, of vorticity and wind "v".
 
@@ -168,15 +158,16 @@ class OnGrid:
         names |= {"vorticity": "vorticity"} if "vorticity" in has else {}
         names |= {"v": "wind"} if {"u", "v"} <= has else {}
         area = self._reference.area
-        return {field: norms(area, *self._pair(fields, name)) for field, name in names.items()}
+        return {field: norms(area, *self.pair(fields, name)) for field, name in names.items()}
 
     def decorrelation(self, fields: Mapping[str, Array]) -> float:
         """Return 1 minus the correlation of the vorticity with that of the reference."""
-        pair = self._pair(fields, "vorticity")
+        pair = self.pair(fields, "vorticity")
         covariance = np.cov(*pair, aweights=self._reference.area)
         return 1.0 - float(covariance[0, 1]) / float(np.sqrt(covariance[0, 0] * covariance[1, 1]))
 
-    def _pair(self, fields: Mapping[str, Array], name: str) -> tuple[Array, Array]:
+    def pair(self, fields: Mapping[str, Array], name: str) -> tuple[Array, Array]:
+        """Return a field on the grid, and that of the reference; `fields` (N,) are at the nodes."""
         return evaluate(self._interpolator, fields, name), self._reference.values(name)
 
 
