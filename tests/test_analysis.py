@@ -10,14 +10,12 @@ import xarray as xr
 from scipy.special import sph_harm_y
 
 from swe_sphere.analysis.accessor import Analysis, open_run
-from swe_sphere.analysis.regrid import gaussian, lat_lon, parse_grid
-from swe_sphere.analysis.regrid_file import regrid_file
+from swe_sphere.analysis.regrid import gaussian, lat_lon, parse_grid, regrid_file
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.compare import compare
 from swe_sphere.io.integrals import area_mean
 from swe_sphere.io.layout import frame_dataset
 from swe_sphere.io.netcdf import FrameWriter
-from swe_sphere.io.reference_solution import Reference
+from swe_sphere.io.reference_solution import Reference, compare
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.mesh import Interpolator, Mesh, cubed_sphere
 from swe_sphere.mesh.sphere import position

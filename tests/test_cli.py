@@ -426,7 +426,7 @@ def test_json_is_printed_for_every_mistake(swe, arguments):
 
 def test_json_has_no_bare_nan(swe, monkeypatch):
     found = {"field": "h", "time": None, "l1": float("nan"), "l2": np.inf, "linf": 1.0}
-    monkeypatch.setattr("swe_sphere.io.compare.compare", lambda *_: found)
+    monkeypatch.setattr("swe_sphere.io.reference_solution.compare", lambda *_: found)
     status, out, _ = swe("compare", "a.nc", "b.nc", "--json")
     told = json.loads(out, parse_constant=lambda name: pytest.fail(name))
     assert (status, told["l1"], told["l2"], told["linf"]) == (0, None, None, 1.0)

@@ -14,12 +14,11 @@ from matplotlib.quiver import Quiver
 from PIL import Image
 
 from swe_sphere import open_run
-from swe_sphere.analysis.regrid_file import regrid_file
+from swe_sphere.analysis.regrid import regrid_file
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.compare import compare
 from swe_sphere.io.growing import RECORDS_AT
 from swe_sphere.io.netcdf import FrameWriter
-from swe_sphere.io.reference_solution import Exact, Reference
+from swe_sphere.io.reference_solution import Exact, Reference, compare
 from swe_sphere.io.runfile import Frame, RunFile
 from swe_sphere.io.scalar_fields import FIELDS
 from swe_sphere.mesh import Mesh

@@ -9,13 +9,13 @@ import pytest
 
 from swe_sphere.equations.effects import Forcing, Orography, Viscosity
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.compare import compare
 from swe_sphere.io.integrals import norms
 from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.io.reference_solution import (
     SHIPPED,
     OnGrid,
     Reference,
+    compare,
     latitude_weights,
     reference_field,
     shipped_reference,

@@ -227,7 +227,7 @@ def test_a_restart_goes_on_bit_by_bit(tmp_path):
 
 @pytest.mark.thorough
 def test_a_tracer_can_be_drawn_and_compared(tmp_path):
-    from swe_sphere.io.compare import compare
+    from swe_sphere.io.reference_solution import compare
     from swe_sphere.pictures.plot import plot_file
 
     path = tmp_path / "run.nc"

@@ -12,12 +12,12 @@ import xarray as xr
 import zarr.storage
 
 from swe_sphere import open_run
-from swe_sphere.analysis.regrid_file import regrid_file
+from swe_sphere.analysis.regrid import regrid_file
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.files.durable import OLD, PART, _marked, _new_name
-from swe_sphere.io.compare import compare
 from swe_sphere.io.netcdf import FrameWriter
+from swe_sphere.io.reference_solution import compare
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import make_config

@@ -23,9 +23,8 @@ from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import integrals, norms
 from swe_sphere.io.layout import MESH_ATTRIBUTES, START, VARIABLES, in_python, plain
-from swe_sphere.io.runfile import TOLERANCE, Frame, RunFile, engine
+from swe_sphere.io.runfile import TOLERANCE, Frame, RunFile, engine, mesh_of
 from swe_sphere.io.scalar_fields import derive, evaluate
-from swe_sphere.io.schema import mesh_of
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.operators.sparse import stiffness

@@ -87,7 +87,7 @@ def animate(
 
 def _against(file: Path, other: str, trust: Iterable[Path]) -> Source | Exact:
     """Return the source to compare with: a file, or the exact solution of the file's scene."""
-    from swe_sphere.io.compare import open_source
+    from swe_sphere.io.reference_solution import open_source
 
     if other != "exact":
         return open_source(other)
@@ -117,7 +117,7 @@ def compare(
     as_json: AsJson = False,
 ) -> None:
     """Print l1, l2 and linf of A against B."""
-    from swe_sphere.io.compare import compare as compare_files
+    from swe_sphere.io.reference_solution import compare as compare_files
 
     seconds = None if time is None else time * DAY
     result = compare_files(a, b, field, seconds, across_scenes)
@@ -138,7 +138,7 @@ def regrid(
     overwrite: bool = flag("overwrite", "Replace an existing file."),
 ) -> None:
     """Interpolate the frames of a run to a grid of latitudes and longitudes."""
-    from swe_sphere.analysis.regrid_file import regrid_file
+    from swe_sphere.analysis.regrid import regrid_file
 
     place = out or file.with_name(f"{file.stem}_{re.sub(r'[^a-z0-9]', '', grid)}.nc")
     typer.echo(regrid_file(file, grid, place, names_in(fields), overwrite))

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import building, clear_errors
-from swe_sphere.io.runfile import RunFile
-from swe_sphere.io.schema import CheckpointHeader
+from swe_sphere.io.runfile import CheckpointHeader, RunFile
 
 HEADER = "header"
 ARRAYS = "arrays"

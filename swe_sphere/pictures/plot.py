@@ -17,8 +17,7 @@ from rich.text import Text
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import building, check_free, clear_errors
-from swe_sphere.io.compare import open_source
-from swe_sphere.io.reference_solution import Exact
+from swe_sphere.io.reference_solution import Exact, open_source
 from swe_sphere.io.runfile import Frame, Nodal, RunFile, Source
 from swe_sphere.io.scalar_fields import check_field
 from swe_sphere.pictures.drawing import Drawing, limits
