@@ -22,9 +22,8 @@ from swe_sphere.steppers import Stepper
 from swe_sphere.studies.jobs import in_processes
 from swe_sphere.studies.pages import prose
 from swe_sphere.studies.record_store import locked
-from swe_sphere.studies.sweep.errors import Evaluator
 from swe_sphere.studies.sweep.record import RunRecord, note_plan, runs_of, write_dataset
-from swe_sphere.studies.sweep.runner import Runner, SweepWatcher
+from swe_sphere.studies.sweep.runner import Evaluator, Runner, SweepWatcher
 from swe_sphere.studies.sweep.runs import Integrator, RunSpec, Study, users_methods
 from swe_sphere.studies.sweep.steps import (
     TRIAL_DAYS,
