@@ -147,7 +147,7 @@ def _page_file(out: Path, folder: str, quick: bool, words: Sequence[str]) -> Pat
 
 def _shown(found: Iterator[Row]) -> Iterator[Row]:
     """Yield the rows; print each family's table and its failures once the family is complete."""
-    from swe_sphere.studies.cases.page import cells_of
+    from swe_sphere.studies.cases.rows import cells_of
 
     for _, group in groupby(found, lambda row: row.case.family):
         rows = [*group]

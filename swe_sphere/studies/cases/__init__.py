@@ -4,8 +4,7 @@ from swe_sphere.ranks.communicator import refuse_ranks
 from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.studies.cases.case import Case, choose, families
 from swe_sphere.studies.cases.measure import Measure
-from swe_sphere.studies.cases.page import page
-from swe_sphere.studies.cases.rows import Row, count_outcomes, measured_beside, run_cases
+from swe_sphere.studies.cases.rows import Row, count_outcomes, measured_beside, page, run_cases
 from swe_sphere.studies.jobs import checked_jobs
 
 __all__ = [
