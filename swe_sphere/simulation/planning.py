@@ -292,7 +292,7 @@ def plan_run(sim: Any, also: Sequence[float] = ()) -> RunPlan:
     automatic, present = config.dt == "auto", None
     if done:
         try:
-            present = continued_plan(sim.grid, days, every, done, also)
+            present = continued_plan(sim.equal_steps, days, every, done, also)
             if not automatic:
                 return present
         except ConfigError:

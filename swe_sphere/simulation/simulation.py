@@ -370,13 +370,13 @@ class Simulation:
         return 0 if self._stepper is None else self._before + self._stepper.steps
 
     @property
-    def grid(self) -> RunPlan:
+    def equal_steps(self) -> RunPlan:
         """The present plan as one of equal steps, those of the stepper or else those to come."""
         stepper, plan = self.stepper, replace(self.plan, lead=0.0, tail=0)
         if self.config.dt != "auto" and stepper.dt != plan.dt:
             return replace(plan, first=self.steps, origin=self.time)
-        grid = replace(plan, dt=stepper.dt, cycle=stepper.together)
-        return replace(grid, first=self._before, origin=stepper.origin)
+        plan = replace(plan, dt=stepper.dt, cycle=stepper.together)
+        return replace(plan, first=self._before, origin=stepper.origin)
 
     @property
     def time(self) -> float:
