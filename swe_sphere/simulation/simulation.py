@@ -43,7 +43,6 @@ from swe_sphere.simulation.diagnostics import (
     reference_errors,
     state_integrals,
 )
-from swe_sphere.simulation.initial import Initial
 from swe_sphere.simulation.loop import Interrupted, Interruption, Loop
 from swe_sphere.simulation.observers import (
     Callback,
@@ -167,11 +166,11 @@ class Simulation:
         self.kind = get_stepper(objects.pop("stepper", config.stepper))
         """The class of the stepper."""
         self.scene = build.make_scene(config, scene if isinstance(scene, Scene) else None, added)
-        self.initial: Initial | None = None
+        self.initial: build.Initial | None = None
         """Replacement of the initial state of the scene, or None."""
         begun = objects.pop("initial", config.initial)
         if begun is not None or config.initial_time is not None:
-            self.initial = Initial(begun, config.initial_time)
+            self.initial = build.Initial(begun, config.initial_time)
             self.scene = self.initial.begin(self.scene)
         self._objects = objects
         self.mesh = build.make_mesh(config, self.scene, mesh)
