@@ -16,8 +16,7 @@ from swe_sphere import __version__
 
 NUMBERS = (
     "kernels", "testcases", "mesh", "operators", "equations", "solvers", "steppers", "simulation",
-    "files", "io", "ranks", "settings", "studies.sweep", "studies.ended", "studies.jobs",
-    "studies.record_store",
+    "files", "io", "ranks", "settings", "studies.sweep", "studies.jobs", "studies.record_store",
 )  # fmt: skip
 """Packages and modules that compute the numbers; reports and the command line only show them.
 

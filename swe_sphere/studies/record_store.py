@@ -1,21 +1,64 @@
-"""What a study has found, in a folder: records in files of their own, whole or not there at all."""
+"""Ends of the runs of a study, and records of them in a folder, each whole or not there at all."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, SweError, in_one_line
 from swe_sphere.files.durable import contents_of, take_lock, write_whole
 from swe_sphere.settings.values import place_and_complaint
+from swe_sphere.simulation.loop import Interrupted, Interruption
+from swe_sphere.simulation.observers import Observer
+from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.simulation.summary import Summary
 
 if TYPE_CHECKING:
     import xarray as xr
+
+STOPPED = ("refused", "unstable", "solver-failed")
+"""Ways in which a run ends itself and says why."""
+ENDS = ("completed", *STOPPED, "timed-out", "failed")
+"""How a run may have ended."""
+BREAKDOWNS = (ArithmeticError, LookupError, MemoryError, RuntimeError, TypeError, ValueError)
+"""Errors that are no answer to the user: a run that ends with one of them has failed."""
+
+
+def attempt(work: Callable[[], Summary]) -> Summary:
+    """Return what the work returns; an error in it is an end as well, but for Interrupted."""
+    try:
+        with np.errstate(all="ignore"):
+            return work()
+    except SweError as error:
+        return Summary(error.status, in_one_line(error))
+    except BREAKDOWNS as error:
+        return Summary("failed", f"{type(error).__name__}: {in_one_line(error)}")
+
+
+def stepped(
+    sim: Simulation,
+    observers: Sequence[Observer] = (),
+    time_limit: float | None = None,
+    interruption: Interruption | None = None,
+) -> Summary:
+    """Step a simulation to its end, as its `advance` does; any error of a step ends it too.
+
+    Raises Interrupted where the user asked to stop.
+    """
+
+    def work() -> Summary:
+        outcome = sim.advance(observers, time_limit, interruption)
+        if outcome.status == "interrupted":
+            raise Interrupted(outcome.reason)
+        return Summary(outcome.status, in_one_line(outcome.reason or ""))
+
+    return attempt(work)
 
 
 class Record(BaseModel):

@@ -33,8 +33,7 @@ from swe_sphere.simulation.summary import Summary
 from swe_sphere.steppers import get_stepper
 from swe_sphere.studies.cases.case import Case
 from swe_sphere.studies.cases.scenes import make_scene, random_setting
-from swe_sphere.studies.ended import attempt, stepped
-from swe_sphere.studies.record_store import Record
+from swe_sphere.studies.record_store import Record, attempt, stepped
 
 Tick = Callable[[str], None]
 COSTS = ("newton_iterations", "krylov_iterations", "rejected_steps")

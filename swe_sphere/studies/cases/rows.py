@@ -19,10 +19,9 @@ from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.summary import finite
 from swe_sphere.studies.cases.case import NORMS, ORDERS, Case, Check, families
 from swe_sphere.studies.cases.measure import TIMES, Measure, Tick, measure
-from swe_sphere.studies.ended import STOPPED
 from swe_sphere.studies.jobs import in_processes
 from swe_sphere.studies.pages import anchor, rendered
-from swe_sphere.studies.record_store import Store
+from swe_sphere.studies.record_store import STOPPED, Store
 
 OUTCOMES = ("passed", "refused", "broke", "failed")
 

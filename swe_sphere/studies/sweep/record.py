@@ -22,8 +22,7 @@ from swe_sphere.files.durable import write_whole
 from swe_sphere.files.fingerprints import processor, versions
 from swe_sphere.io.integrals import DRIFTS, Norms
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.studies.ended import ENDS
-from swe_sphere.studies.record_store import Record, Store, as_netcdf, read_record
+from swe_sphere.studies.record_store import ENDS, Record, Store, as_netcdf, read_record
 from swe_sphere.studies.sweep.runs import Role
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 

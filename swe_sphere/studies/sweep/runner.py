@@ -34,8 +34,7 @@ from swe_sphere.simulation.loop import Interruption
 from swe_sphere.simulation.observers import Observer, Ticker
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.summary import Summary
-from swe_sphere.studies.ended import BREAKDOWNS, stepped
-from swe_sphere.studies.record_store import Store, as_netcdf
+from swe_sphere.studies.record_store import BREAKDOWNS, Store, as_netcdf, stepped
 from swe_sphere.studies.sweep.record import COUNTS, Errors, RunRecord, current
 from swe_sphere.studies.sweep.runs import Discretisation, History, Integrator, RunSpec, Study
 from swe_sphere.studies.sweep.steps import GROWN, GROWTH_OF_FLOW, PERTURBATION
