@@ -11,8 +11,7 @@ from swe_sphere.equations.effects import EFFECTS
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import sparse
-from swe_sphere.operators.damping import Damping
-from swe_sphere.operators.schur import SchurOperator
+from swe_sphere.operators.schur import Damping, SchurOperator
 
 TAU, GRAVITY, SHARE = 3000.0, 9.8, 0.4
 SHAPES = ("element", "node")

@@ -61,7 +61,7 @@ def at_call(count, act, monkeypatch):
 
     for module in (
         "solvers.gmres", "solvers.krylov", "solvers.krylov_exponential", "steppers.implicit",
-        "steppers.tracer_steps", "operators.mass_steps",
+        "steppers.tracer_steps", "operators.tracers",
     ):  # fmt: skip
         monkeypatch.setattr(f"swe_sphere.{module}.check_stop", counted)
     return calls

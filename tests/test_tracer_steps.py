@@ -13,7 +13,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError, Unstable
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.diagnose import divergence
-from swe_sphere.operators.mass_steps import Crossings, FluxSteps, symbol
+from swe_sphere.operators.tracers import Crossings, FluxSteps, symbol
 from swe_sphere.simulation.planning import time_plan
 from swe_sphere.steppers import STEPPERS, Stepper
 from swe_sphere.steppers.tracer_steps import (

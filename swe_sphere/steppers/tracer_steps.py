@@ -11,8 +11,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import spectral_radius
 from swe_sphere.errors import ConfigError, Unstable
 from swe_sphere.kernels import combine_kernel
-from swe_sphere.operators.mass_steps import Crossings, FluxSteps
-from swe_sphere.operators.tracers import TracerTransport
+from swe_sphere.operators.tracers import Crossings, FluxSteps, TracerTransport
 from swe_sphere.ranks.limits import check_stop
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.split_diffusion import Diffusion

@@ -6,9 +6,8 @@ import numpy as np
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
-from swe_sphere.operators.damping import Rate
 from swe_sphere.operators.device_mesh import Field
-from swe_sphere.operators.schur import SchurMatrix, SchurOperator, Step
+from swe_sphere.operators.schur import Rate, SchurMatrix, SchurOperator, Step
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, largest_eigenvalue
 from swe_sphere.solvers.preconditioners.coarse import CoarseCorrection
 
