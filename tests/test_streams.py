@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from swe_sphere.cli.streams import Results
+from swe_sphere.cli.show import Results
 from swe_sphere.io.runfile import RunFile
 
 PROGRAM = Path(sys.executable).with_name("swe-sphere")

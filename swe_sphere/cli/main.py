@@ -13,8 +13,7 @@ import typer
 from typer import TyperException
 
 from swe_sphere import __version__
-from swe_sphere.cli.show import DEBUG, explain
-from swe_sphere.cli.streams import open_streams
+from swe_sphere.cli.show import DEBUG, explain, open_streams
 from swe_sphere.compiling import on_compile, tell_of_compiling
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.ranks.communicator import OF_RANKS, refuse_ranks, world

@@ -1,12 +1,18 @@
-"""Output of commands on the terminal: tables, a line of progress, and errors in one line."""
+"""Output of commands: tables, a line of progress, errors in one line, and the standard streams.
 
+A lost result is an error, lost notes are not.
+"""
+
+import io
+import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import Any
 
 import typer
 
-from swe_sphere.errors import SweError, in_one_line
+from swe_sphere.errors import RunFailed, SweError, in_one_line
 from swe_sphere.simulation.loop import Interrupted
 
 DEBUG = "SWE_SPHERE_DEBUG"
@@ -49,3 +55,50 @@ def explain(error: Exception) -> tuple[str, int]:
     else:
         line = f"unexpected {type(error).__name__}: {error} {hint}"
     return in_one_line(line), status
+
+
+class Notes(io.TextIOWrapper):
+    """Standard error without buffering: text that cannot be written is dropped."""
+
+    def write(self, text: str) -> int:
+        """Write the text; return its length."""
+        with self._checked():
+            super().write(text)
+            super().flush()
+        return len(text)
+
+    def flush(self) -> None:
+        with self._checked():
+            super().flush()
+
+    def _checked(self) -> AbstractContextManager[None]:
+        return suppress(OSError)
+
+
+class Results(Notes):
+    """Standard output without buffering: raises RunFailed if it cannot be written."""
+
+    @contextmanager
+    def _checked(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or Python's flush at exit fails too
+            raise RunFailed(f"cannot write to standard output: {error.strerror}") from None
+
+
+def open_streams() -> None:
+    """Open the streams that the caller closed, so that no file of the run gets their numbers.
+
+    Characters that the encoding lacks are written as escapes. Replaced streams are not changed.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_WRONLY if number == 2 else os.O_RDONLY)  # the lowest is free
+    for name, number, kind in (("stdout", 1, Results), ("stderr", 2, Notes)):
+        old = getattr(sys, f"__{name}__")
+        if getattr(sys, name) is old:
+            file = io.BufferedWriter(io.FileIO(number, "w", closefd=False))
+            setattr(sys, name, kind(file, getattr(old, "encoding", "utf-8"), "backslashreplace"))
