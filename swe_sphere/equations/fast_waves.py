@@ -39,7 +39,7 @@ class FastWaves:
             self._path = wp.zeros(2 * n, dtype=mesh.real, device=model.device)
             self._crossed, self._behind = model.zeros(), slice(3 * n, model.size)
 
-    def advance(
+    def move(
         self, rest: wp.array, rate: wp.array, duration: float, steps: int, carrier: wp.array
     ) -> None:
         """Advance `state` by a duration [s] in `steps` sub-steps.

@@ -99,7 +99,7 @@ class InfinitesimalStep(FlowLimited):
             self.model.launch(self._add, self.model.size, moved, rate, duration, moved)
             return
         rest = self.model.point_of_tangent(self.state)
-        self._fast.advance(rest, self._rate, duration, steps, self.state)
+        self._fast.move(rest, self._rate, duration, steps, self.state)
         self.model.counters["fast_steps"] += steps
 
     @classmethod
