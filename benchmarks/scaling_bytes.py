@@ -22,8 +22,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import Partition
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.sparse import slopes
-from swe_sphere.solvers.preconditioners.coarse import SWEEPS
-from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces
+from swe_sphere.solvers.preconditioners.coarse import SWEEPS, coarse_spaces
 
 FIELDS = {"tendency_of_groups": 3, "gradient": 2, "wind_fluxes": 1, "slope_fluxes": 1}
 """What kernels over elements leave for other ranks at each node on the rim: rates of change of wind

@@ -14,10 +14,9 @@ from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.solvers.gmres import WINDOW, KrylovBasis
-from swe_sphere.solvers.krylov_exponential import ExponentialResult, KrylovExponential
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.steppers.exponential import _remainder
+from swe_sphere.steppers.exponential import ExponentialResult, KrylovExponential, _remainder
 from swe_sphere.steppers.stage_solver import energy_weights
 from swe_sphere.testcases import get_scene
 

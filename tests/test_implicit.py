@@ -13,13 +13,13 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from swe_sphere.equations.effects import EFFECTS as ALL_EFFECTS
 from swe_sphere.equations.effects import Viscosity
-from swe_sphere.equations.energy_conserving import PoissonTendency
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError, RunFailed, SolverFailed
 from swe_sphere.io.integrals import integrals
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.steppers import STEPPERS
+from swe_sphere.steppers.average_vector_field import PoissonTendency
 from swe_sphere.testcases import get_scene
 
 SOLVES = {

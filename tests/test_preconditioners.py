@@ -23,7 +23,7 @@ from swe_sphere.planet import HOUR, Planet
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.krylov import LinearResult
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS, coarse, make_preconditioner
-from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces, interpolation
+from swe_sphere.solvers.preconditioners.coarse import coarse_spaces, interpolation
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import get_stepper
 from swe_sphere.steppers.implicit import StageProblem

@@ -17,7 +17,7 @@ from swe_sphere.operators.device_mesh import REALS, Field
 from swe_sphere.operators.schur import SchurMatrix, SchurOperator
 from swe_sphere.solvers.preconditioners import make_preconditioner
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, largest_eigenvalue
-from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces, interpolation
+from swe_sphere.solvers.preconditioners.coarse import coarse_spaces, interpolation
 from swe_sphere.solvers.preconditioners.multilevel import Multilevel
 
 TAU, GRAVITY = 3000.0, 9.8

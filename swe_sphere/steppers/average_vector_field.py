@@ -2,10 +2,73 @@
 
 import warp as wp
 
-from swe_sphere.equations.energy_conserving import PoissonTendency
+from swe_sphere.equations.effects import PointwiseEffect
 from swe_sphere.equations.model import Model
+from swe_sphere.errors import ConfigError
+from swe_sphere.kernels import Terms
+from swe_sphere.kernels.average import average_kernel
+from swe_sphere.kernels.pointwise import Pointwise
+from swe_sphere.kernels.vectors import axpby
+from swe_sphere.operators import TendencyOperator
+from swe_sphere.operators.replay import recorded
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.implicit import ImplicitStepper, StageProblem
+
+NEEDED = ("momentum-advection", "pressure-gradient")
+
+
+class PoissonTendency:
+    """Average tendency from one state to another; its product with the energy's change is zero.
+
+    d(V, h)/dt = (-q k x F - grad B, -div F), with F and B the averages of hV and |V|²/2 + g(h + b)
+    between the states and the potential vorticity q = (curl V + f)/h half way (Wimmer, Cotter &
+    Bauer 2020, doi:10.1016/j.jcp.2019.109016). The operator is skew for the quadrature of the mesh,
+    because F is continuous and integration by parts is exact there. The tendency excludes
+    dissipation. F carries the tracers, so that a constant mixing ratio stays constant. Raises
+    ConfigError for a scene that does not step all of the dynamics.
+    """
+
+    def __init__(self, model: Model) -> None:
+        if not self.fits(model):
+            raise ConfigError(f"the skew form needs the effects {' and '.join(NEEDED)}")
+        self._model, mesh, scene = model, model.device_mesh, model.scene
+        self._mean, self._base = model.zeros(), model.zeros()
+        terms = Terms(advection=True, pressure=True, poisson=True)
+        point = Pointwise(rotation=scene.coriolis is not None, forcing=scene.forcing is not None)
+        own = model.parameters | {"base": self._base}
+        operator = TendencyOperator(mesh, terms, model.launch, own, point)
+        self._operator = recorded(model.launch, operator)
+        self._average, self._combine = model.launch.compile(
+            mesh.real, average_kernel(scene.bottom is not None), axpby
+        )
+        bottom = model.parameters.get("bottom", self._mean)
+        self._constants = mesh.size, scene.planet.gravity, bottom
+        self._masses = self._mean[model.fluid_size :] if model.tracers is not None else None
+
+    @staticmethod
+    def fits(model: Model) -> bool:
+        """Return whether the scene has the energy that this form conserves."""
+        others = [e for e in model.scene.effects if isinstance(e, PointwiseEffect)]
+        if model.scene.base is not None or not all(e.dissipation for e in others):
+            return False
+        return all(model.scene.effect(name) is not None for name in NEEDED)
+
+    def __call__(self, first: wp.array, last: wp.array, t: float, out: wp.array) -> None:
+        """Set out to the average between two states, with the forcing of time t [s] between them.
+
+        The call counts as one right-hand side.
+        """
+        model, nodes = self._model, self._model.device_mesh.size
+        model.set_time(t)
+        model.counters["rhs_evaluations"] += 1
+        states = first, last, self._mean, self._base
+        model.launch(self._average, nodes, *self._constants, *states)
+        self._operator(self._mean, out)
+        tracers = model.tracers
+        if tracers is not None:
+            first, last = first[tracers.first :], last[tracers.first :]
+            model.launch(self._combine, last.size, 0.5, last, 0.5, first, self._masses)
+            tracers.carry(self._base, self._mean, out)
 
 
 class AverageProblem(StageProblem):
