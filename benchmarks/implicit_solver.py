@@ -12,7 +12,7 @@ from swe_sphere.equations.scene import apply_settings
 from swe_sphere.io.integrals import by_name, field_errors
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
-from swe_sphere.solvers.gmres import FlexibleGMRES
+from swe_sphere.solvers.krylov import FlexibleGMRES
 from swe_sphere.solvers.preconditioners import make_preconditioner
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import RECOMMENDED, get_stepper

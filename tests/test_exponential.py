@@ -13,7 +13,7 @@ from support import EXPONENTIAL, advance, make_scene, random_state, relative
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
-from swe_sphere.solvers.gmres import WINDOW, KrylovBasis
+from swe_sphere.solvers.krylov import WINDOW, KrylovBasis
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.exponential import ExponentialResult, KrylovExponential, _remainder

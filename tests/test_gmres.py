@@ -9,8 +9,7 @@ import scipy.sparse.linalg as sla
 import warp as wp
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.solvers.gmres import FlexibleGMRES
-from swe_sphere.solvers.krylov import LinearResult, Operator, Status
+from swe_sphere.solvers.krylov import FlexibleGMRES, LinearResult, Operator, Status
 from swe_sphere.solvers.vector_space import VectorSpace
 
 Matrix = Callable[[np.ndarray], np.ndarray]

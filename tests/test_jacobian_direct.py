@@ -14,7 +14,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import dissection_order
 from swe_sphere.operators.sparse import Probing
 from swe_sphere.planet import HOUR
-from swe_sphere.solvers.gmres import FlexibleGMRES
+from swe_sphere.solvers.krylov import FlexibleGMRES
 from swe_sphere.solvers.preconditioners import make_preconditioner
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import get_stepper

@@ -10,8 +10,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as sla
 import warp as wp
 
-from swe_sphere.solvers.gmres import FlexibleGMRES
-from swe_sphere.solvers.krylov import Operator, Status
+from swe_sphere.solvers.krylov import FlexibleGMRES, Operator, Status
 from swe_sphere.solvers.newton import Forcing, NewtonKrylov, NewtonResult, followed_nonlinearity
 from swe_sphere.solvers.vector_space import VectorSpace
 

@@ -20,8 +20,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import sparse
 from swe_sphere.planet import HOUR, Planet
-from swe_sphere.solvers.gmres import FlexibleGMRES
-from swe_sphere.solvers.krylov import LinearResult
+from swe_sphere.solvers.krylov import FlexibleGMRES, LinearResult
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS, coarse, make_preconditioner
 from swe_sphere.solvers.preconditioners.coarse import coarse_spaces, interpolation
 from swe_sphere.solvers.vector_space import VectorSpace

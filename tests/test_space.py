@@ -11,7 +11,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import specialise
 from swe_sphere.kernels.simd.sums import tree, weighted_products
 from swe_sphere.operators.chunks import branches
-from swe_sphere.solvers.gmres import KrylovBasis
+from swe_sphere.solvers.krylov import KrylovBasis
 from swe_sphere.solvers.vector_space import VectorSpace
 
 N = 9001  # neither a multiple of the spans of the host nor of the blocks of GPUs

@@ -60,7 +60,7 @@ def at_call(count, act, monkeypatch):
         check()
 
     for module in (
-        "solvers.gmres", "solvers.krylov", "steppers.exponential", "steppers.implicit",
+        "solvers.krylov", "steppers.exponential", "steppers.implicit",
         "steppers.tracer_steps", "operators.tracers",
     ):  # fmt: skip
         monkeypatch.setattr(f"swe_sphere.{module}.check_stop", counted)

@@ -13,9 +13,9 @@ from swe_sphere.files.durable import write_whole
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.planning import free_steps
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.studies.sweep.runs import Study
-from swe_sphere.studies.sweep.steps import (
+from swe_sphere.studies.sweep.runs import (
     NoStepError,
+    Study,
     dt_sequence,
     longest_accurate,
     longest_working,

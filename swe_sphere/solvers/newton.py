@@ -12,8 +12,7 @@ from typing import Protocol
 import numpy as np
 import warp as wp
 
-from swe_sphere.solvers.gmres import FlexibleGMRES
-from swe_sphere.solvers.krylov import Operator, SolveResult, Status
+from swe_sphere.solvers.krylov import FlexibleGMRES, Operator, SolveResult, Status
 from swe_sphere.solvers.vector_space import VectorSpace
 
 # The unknown cannot resolve a correction of so few of its round-offs.

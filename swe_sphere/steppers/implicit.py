@@ -13,7 +13,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError, SolverFailed
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.ranks.limits import check_stop
-from swe_sphere.solvers.gmres import FlexibleGMRES
+from swe_sphere.solvers.krylov import FlexibleGMRES
 from swe_sphere.solvers.newton import NewtonKrylov
 from swe_sphere.solvers.preconditioners import Preconditioner, make_preconditioner
 from swe_sphere.solvers.vector_space import VectorSpace

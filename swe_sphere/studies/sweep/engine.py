@@ -24,13 +24,16 @@ from swe_sphere.studies.pages import prose
 from swe_sphere.studies.record_store import locked
 from swe_sphere.studies.sweep.record import RunRecord, note_plan, runs_of, write_dataset
 from swe_sphere.studies.sweep.runner import Evaluator, Runner, SweepWatcher
-from swe_sphere.studies.sweep.runs import Integrator, RunSpec, Study, users_methods
-from swe_sphere.studies.sweep.steps import (
+from swe_sphere.studies.sweep.runs import (
     TRIAL_DAYS,
     TRIAL_STEPS,
+    Integrator,
     NoStepError,
+    RunSpec,
+    Study,
     longest_accurate,
     longest_working,
+    users_methods,
 )
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan, make_plan
 

@@ -36,8 +36,16 @@ from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.summary import Summary
 from swe_sphere.studies.record_store import BREAKDOWNS, Store, as_netcdf, stepped
 from swe_sphere.studies.sweep.record import COUNTS, Errors, RunRecord, current
-from swe_sphere.studies.sweep.runs import Discretisation, History, Integrator, RunSpec, Study
-from swe_sphere.studies.sweep.steps import GROWN, GROWTH_OF_FLOW, PERTURBATION
+from swe_sphere.studies.sweep.runs import (
+    GROWN,
+    GROWTH_OF_FLOW,
+    PERTURBATION,
+    Discretisation,
+    History,
+    Integrator,
+    RunSpec,
+    Study,
+)
 
 KEPT = ("u", "v", "h", "vorticity")
 """Fields of a state of which errors are taken."""
