@@ -8,8 +8,7 @@ import numpy as np
 import warp as wp
 
 from swe_sphere.equations.effects import EdgePenalty, Effect, PointwiseEffect
-from swe_sphere.equations.scene import Scene, is_finite
-from swe_sphere.equations.scene_functions import fitted
+from swe_sphere.equations.scene import Scene, fitted, is_finite
 from swe_sphere.errors import ConfigError, shown
 from swe_sphere.files.user_file import guarded
 from swe_sphere.mesh import Mesh
