@@ -257,7 +257,7 @@ def hough(
     """
     if k < 1 or not 1 <= n <= FUNCTIONS // 4 or (wave == "kelvin" and n != 1):
         raise ConfigError(
-            f"hough: k must be at least 1 and n from 1 to {FUNCTIONS // 4} (1 for kelvin), not"
+            f"hough: k must be at least 1 and n from 1 to {FUNCTIONS // 4} (1 for kelvin), got"
             f" {k} and {n}"
         )
     if not depth > 0.0:
