@@ -48,7 +48,9 @@ PARTS = {
     "regimes": Part("-m swe_sphere sweep --recipe regimes --out docs/regimes", "regimes/README"),
     "effects": Part(
         "benchmarks/effect_cost.py --write docs/reference/effects.md", "reference/effects"),
-    "diffusion": Part("benchmarks/diffusion.py --write docs/howto/steppers.md", "howto/steppers"),
+    "diffusion": Part(
+        "benchmarks/diffusion.py --write docs/explanation/time_integration.md",
+        "explanation/time_integration"),
     "steps": Part("benchmarks/steps.py", "results/steps"),
     "step_sizes": Part("benchmarks/step_sizes.py", "results/step_sizes"),
     "imex_steps": Part("benchmarks/imex_steps.py", "results/imex_steps"),
@@ -63,7 +65,7 @@ PARTS = {
     "scaling": Part("benchmarks/scaling.py", "results/scaling"),
     "start-up": Part("benchmarks/start_up.py", "results/start-up"),
     "peers": Part("benchmarks/time_to_error.py", "results/peers"),
-    "gallery": Part("benchmarks/gallery.py", "reference/gallery"),
+    "gallery": Part("benchmarks/gallery.py", "reference/scenes"),
 }  # fmt: skip
 """All parts by name, in the order in which they run."""
 

@@ -1,6 +1,6 @@
 """What hyperviscosity costs: steps, CPU time and errors of steppers that have it apart or whole.
 
-python benchmarks/diffusion.py --write docs/howto/steppers.md
+python benchmarks/diffusion.py --write docs/explanation/time_integration.md
 """
 
 from __future__ import annotations

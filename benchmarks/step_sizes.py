@@ -36,7 +36,8 @@ HEAD = f"""# Steps of any size
 
 With default tolerances the errors of implicit, semi-implicit and exponential steps are at most 1.13
 times those of exact solves, from Δt = 3600 s down to 60 s: [the solver
-tolerance](../howto/steppers.md#solver-tolerance-of-implicit-steppers) follows the truncation error.
+tolerance](../explanation/time_integration.md#solver-tolerance-of-implicit-steppers)
+follows the truncation error.
 
 Made by `python benchmarks/step_sizes.py`: {HOURS:g} h on ne{NE} np{NP}, float64. Each cell gives
 the time error (relative to rk4 with Δt = {REFERENCE:g} s on the same mesh) with default tolerances.

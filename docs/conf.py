@@ -1,11 +1,12 @@
-"""The pages as a site: `sphinx-build -W docs site`, with what `pip install ".[docs]"` brings."""
+"""Configuration of the site: `pip install ".[docs]"`, then `sphinx-build -W docs site`."""
 
 import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from scene_pages import write_scene_pages
+from command_pages import write_command_tables
+from scene_pages import write_scene_catalogue
 
 from swe_sphere import __version__
 
@@ -13,7 +14,7 @@ project = "swe_sphere"
 author = "the swe_sphere developers"
 version = release = __version__
 root_doc = "index"
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "reference/generated"]
 
 extensions = [
     "myst_nb",
@@ -39,7 +40,11 @@ html_theme_options = {"navigation_with_keys": True}
 
 
 def setup(app):
-    """Pages of scenes are made of the scenes, before Sphinx looks what pages there are."""
-    app.connect(
-        "builder-inited", lambda app: write_scene_pages(Path(app.srcdir) / "reference" / "scenes")
-    )
+    app.connect("builder-inited", _write_generated_pages)
+
+
+def _write_generated_pages(app):
+    """Write the pages that are made of the program, before Sphinx lists all pages."""
+    reference = Path(app.srcdir) / "reference"
+    write_scene_catalogue(reference / "scene_catalogue.md")
+    write_command_tables(reference / "generated" / "commands.md")

@@ -1,4 +1,4 @@
-"""A page for each scene, made of it: formula, source, parameters, effects, errors, picture."""
+"""The catalogue of scenes: formula, source, parameters, effects, errors and picture of each."""
 
 import inspect
 import re
@@ -10,46 +10,58 @@ import swe_sphere.studies.cases
 from swe_sphere.testcases import SCENES, get_scene
 
 GALLERY = Path(__file__).parent / "reference" / "gallery"
+COMMANDS = tomllib.loads((GALLERY / "commands.toml").read_text())
 CASES = Path(swe_sphere.studies.cases.__file__).with_name("verification")
-NORMS = ("l1", "l2", "linf")
+HEAD = """# Catalogue of scenes
+
+Each section shows the formula, the source, the effects and the parameters of a scene, and the
+errors that a correct model does not exceed. [Scenes](scenes.md) lists all scenes in one table. The
+pictures are from coarse meshes; `python benchmarks/gallery.py` draws them again."""
 
 
-def write_scene_pages(folder):
-    """A page for each built-in scene; those that are there already and say the same stay."""
-    folder.mkdir(exist_ok=True)
+def write_scene_catalogue(file):
+    """Write the page of all scenes; a page that has not changed stays."""
     cases = _cases()
-    for name, factory in SCENES.items():
-        page = folder / f"{name}.md"
-        text = _page(name, factory, cases.get(name, []))
-        if not page.exists() or page.read_text() != text:
-            page.write_text(text)
+    sections = [_section(name, factory, cases.get(name, [])) for name, factory in SCENES.items()]
+    text = "\n\n".join([HEAD, *sections]) + "\n"
+    if not file.exists() or file.read_text() != text:
+        file.write_text(text)
 
 
-def _page(name, factory, cases):
+def _section(name, factory, cases):
     scene = get_scene(name)
     described, arguments = _described(factory)
     effects = ", ".join(f"`{effect.name}`" for effect in scene.effects)
     parts = [
-        f"# {name}: {scene.title}",
+        f"## {name}",
         _picture(name),
         described,
-        f"Source: {scene.reference}.",
-        f"    swe-sphere run {name}",
+        f"* **Source**: {scene.reference}.\n"
         f"* **Effects**: {effects}; nothing else is compiled.\n"
-        f"* **Recommended**: ne{scene.ne} np{scene.np}, {scene.days:g} days.",
+        f"* **Recommended**: ne{scene.ne} np{scene.np}, {scene.days:g} days:"
+        f" `swe-sphere run {name}`.",
+        _drawing(name),
         _parameters(factory, arguments),
         _expected(cases),
     ]
-    return "\n\n".join(part for part in parts if part) + "\n"
+    return "\n\n".join(part for part in parts if part)
 
 
 def _picture(name):
-    picture = GALLERY / f"{name}.png"
-    return f"![{name}](../gallery/{picture.name})" if picture.exists() else ""
+    return f"![{name}](gallery/{name}.png)" if (GALLERY / f"{name}.png").exists() else ""
+
+
+def _drawing(name):
+    """Return the commands that draw the picture of a scene."""
+    if name not in COMMANDS:
+        return ""
+    arguments, look = COMMANDS[name]["run"], COMMANDS[name].get("plot", "")
+    plot = " ".join(filter(None, (f"swe-sphere plot {name}.nc", look, "--no-panel")))
+    return f"The picture:\n\n    swe-sphere run {name} {arguments} --out {name}.nc\n    {plot}"
 
 
 def _described(factory):
-    """The docstring without the section of arguments, and that section by name."""
+    """Return the docstring without its section of arguments, and the arguments by name."""
     text, _, rest = inspect.getdoc(factory).partition("\nArgs:\n")
     section = textwrap.dedent(re.split(r"\n(?=\S)", rest, maxsplit=1)[0])
     found = re.findall(r"^(\w+): (.*?)(?=^\w+: |\Z)", section, re.DOTALL | re.MULTILINE)
@@ -64,12 +76,11 @@ def _parameters(factory, arguments):
         f"| `{each.name}` | `{each.default}` | {arguments.get(each.name, '')} |"
         for each in parameters
     ]
-    head = "| `--set scene.NAME=VALUE` | default | |\n|---|---|---|"
-    return "\n".join(("## Parameters\n", head, *rows))
+    return "\n".join(("| `--set scene.NAME=VALUE` | default | meaning |\n|---|---|---|", *rows))
 
 
 def _cases():
-    """The cases of `swe-sphere verify` by the scene that they run."""
+    """Return the cases of `swe-sphere verify` by scene."""
     found = {}
     for path in sorted(CASES.glob("*.toml")):
         for case in tomllib.loads(path.read_text()).get("case", ()):
@@ -83,11 +94,12 @@ def _expected(cases):
         return ""
     return "\n".join(
         (
-            "## Errors that a correct model does not exceed\n",
-            "l1 / l2 / linf, relative; bounds of `swe-sphere verify`, a little above what was"
-            " measured: see [Verification](../../results/verification.md).\n",
+            "<details><summary>Errors that a correct model does not exceed</summary>\n",
+            "The table shows relative norms l1 / l2 / linf: bounds of `swe-sphere verify`, a little"
+            " above the measured errors ([Verification](../results/verification.md)).\n",
             "| run | h | v |\n|---|---|---|",
             *rows,
+            "\n</details>",
         )
     )
 

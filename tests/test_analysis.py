@@ -416,7 +416,7 @@ def test_a_regridded_run_is_read_at_each_of_its_times(run, tmp_path):
 def test_the_page_of_the_analysis_runs(tmp_path, monkeypatch):
     """Shortened, on a coarse mesh."""
     page = (Path(__file__).parents[1] / "docs" / "howto" / "analysis.md").read_text()
-    (text,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    text, _ = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     pytest.importorskip("dask")
     monkeypatch.chdir(tmp_path)
     found: dict = {}

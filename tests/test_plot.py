@@ -465,8 +465,8 @@ def test_films_that_cannot_be_made(run, tmp_path):
 
 @pytest.mark.thorough
 def test_the_python_of_the_page_runs(tmp_path, monkeypatch):
-    page = (Path(__file__).parents[1] / "docs" / "howto" / "pictures.md").read_text()
-    (text,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    page = (Path(__file__).parents[1] / "docs" / "howto" / "analysis.md").read_text()
+    _, text = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     monkeypatch.chdir(tmp_path)
     exec(text.replace("ne=4, np=6", "ne=2, np=4"), {})
     assert (tmp_path / "wave.png").stat().st_size > 10_000

@@ -5,6 +5,7 @@ import re
 import runpy
 import shutil
 import textwrap
+import tomllib
 from pathlib import Path
 
 import matplotlib as mpl
@@ -71,16 +72,29 @@ INLINE = re.compile(
     r"(?:| [^`]*)(?<!--live vorticity))`"
 )
 """A whole one in the text, but for that which needs a terminal."""
+GENERATED = ("reference/generated/*", "reference/scene_catalogue.md")
+"""Pages in docs that are written when the site is built."""
 PAGES = [
     ROOT / "README.md",
-    *(page for page in sorted((ROOT / "docs").rglob("*.md")) if page.parent.name != "scenes"),
+    *(
+        page
+        for page in sorted((ROOT / "docs").rglob("*.md"))
+        if not any(page.match(pattern) for pattern in GENERATED)
+    ),
 ]
+PICTURES = [
+    [f"run {name} {each['run']} --out {name}.nc", f"plot {name}.nc {each.get('plot', '')}".strip()]
+    for name, each in tomllib.loads(
+        (ROOT / "docs/reference/gallery/commands.toml").read_text()
+    ).items()
+]
+"""Commands of the catalogue of scenes."""
 COMMANDS = [
     pytest.param(found, id=f"{page.stem}-{kind}")
     for kind, form in (("apart", APART), ("inline", INLINE))
     for page in PAGES
     if (found := form.findall(page.read_text()))
-]
+] + [pytest.param(lines, id=f"picture-{lines[0].split()[1]}") for lines in PICTURES]
 INSTEAD = {"--out jet.nc --days 8": "--out jet.nc --days 0.1", "--time 4": "--time 0"}
 """Times that are in the files of shortened runs."""
 SHORTER = {

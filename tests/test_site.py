@@ -8,8 +8,10 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import typer
 
 import swe_sphere
+from swe_sphere.cli.main import program
 from swe_sphere.testcases import SCENES
 
 ROOT = Path(__file__).parents[1]
@@ -20,7 +22,7 @@ def site(tmp_path_factory):
     """Built of a copy, as pages of scenes are written among the sources."""
     folder = tmp_path_factory.mktemp("site")
     shutil.copytree(
-        ROOT / "docs", folder / "docs", ignore=shutil.ignore_patterns("scenes", "_build")
+        ROOT / "docs", folder / "docs", ignore=shutil.ignore_patterns("generated", "_build")
     )
     command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "docs", "html"]
     built = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
@@ -29,14 +31,25 @@ def site(tmp_path_factory):
 
 
 @pytest.mark.thorough
-def test_every_scene_has_a_page_with_its_source_and_its_formula(site):
+def test_every_scene_has_a_section_with_its_source_and_its_formula(site):
+    page = (site / "reference" / "scene_catalogue.html").read_text()
+    parts = page.split('<section id="')
+    sections = {part.partition('"')[0]: part for part in parts}
     for name in SCENES:
-        page = (site / "reference" / "scenes" / f"{name}.html").read_text()
-        assert "Source:" in page and f"swe-sphere run {name}" in page, name
-    page = (site / "reference" / "scenes" / "williamson2.html").read_text()
-    assert "sin² θ" in page and "tilt of the axis of flow" in page and "1.4e-11" in page
-    page = (site / "reference" / "scenes" / "galewsky.html").read_text()
-    assert "so that all that grows is the imprint of the grid." in page
+        section = sections[name]
+        assert "<strong>Source</strong>" in section and f"swe-sphere run {name}" in section, name
+    section = sections["williamson2"]
+    assert "sin² θ" in section and "tilt of the axis of flow" in section and "1.4e-11" in section
+    assert "so that all that grows is the imprint of the grid." in sections["galewsky"]
+
+
+@pytest.mark.thorough
+def test_every_option_of_every_command_is_in_the_reference(site):
+    page = (site / "reference" / "commands.html").read_text()
+    for name, command in typer.main.get_command(program()).commands.items():
+        assert f'<section id="{name}">' in page
+        for option in command.params:
+            assert all(flag in page for flag in option.opts), option.name
 
 
 @pytest.mark.thorough

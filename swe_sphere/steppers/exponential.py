@@ -201,7 +201,7 @@ class ExponentialMultistep(VariableStepper):
     """w_ki: rows for k = 2, 3, ..., columns for i = 1, 2, ..."""
     default_tolerance = 1e-4
     courant, longest = 0.25, 10800.0
-    # still stable in rough flow; a longer step saves nothing: docs/howto/steppers.md
+    # still stable in rough flow; a longer step saves nothing: docs/explanation/time_integration.md
 
     @classmethod
     def complete(cls) -> None:
