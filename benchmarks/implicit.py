@@ -40,8 +40,7 @@ Made by `python benchmarks/implicit.py` (float64, one core). A right-hand-side e
 time of one right-hand side with DSS in the same process. Wall time is that of the steps alone, with
 the set-up of the preconditioner and without compiling. l2 is that of the surface height relative to
 the independent spectral reference unless stated otherwise.
-[Preconditioners](../reference/preconditioners.md) explains the methods and lists ideas that were
-not kept.
+[The preconditioner](preconditioners.md) has its own page, which lists ideas that were not kept.
 """
 
 

@@ -1,9 +1,11 @@
 """What `import swe_sphere` offers: everything a notebook needs, found lazily, with examples."""
 
 import doctest
+import re
 import subprocess
 import sys
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
@@ -60,3 +62,23 @@ def test_every_docstring_has_an_example_that_holds(place, tmp_path, monkeypatch)
     assert examples.examples, f"{place} has no example"
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
     assert runner.run(examples).failed == 0
+
+
+PAGE = (Path(__file__).parents[1] / "docs/reference/api.md").read_text()
+BLOCKS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+
+
+def test_the_examples_of_the_page_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    exec("\n".join(BLOCKS), {})
+    first, *_, last = capsys.readouterr().out.splitlines()
+    assert first.startswith("completed ") and "must be a positive number" in last
+
+
+def test_every_name_is_on_the_page_and_in_an_example():
+    """In an example of its docstring, of the page, or of the page on extensions."""
+    extending = (Path(__file__).parents[1] / "docs/howto/extending.md").read_text()
+    examples = "\n".join([*BLOCKS, *re.findall(r"```python\n(.*?)```", extending, re.DOTALL)])
+    for name in NAMES:
+        assert f"swe_sphere.{name}\n" in PAGE, name
+        assert name in WITH_EXAMPLES or re.search(rf"\b{name}\b", examples), name
