@@ -38,8 +38,8 @@ def _section(name, factory, cases):
         described,
         f"* **Source**: {scene.reference}.\n"
         f"* **Effects**: {effects}; nothing else is compiled.\n"
-        f"* **Recommended**: ne{scene.ne} np{scene.np}, {scene.days:g} days:"
-        f" `swe-sphere run {name}`.",
+        f"* **Recommended**: ne{scene.ne} np{scene.np}, {scene.days:g} days, the defaults of\n\n"
+        f"      swe-sphere run {name}",
         _drawing(name),
         _parameters(factory, arguments),
         _expected(cases),
@@ -57,7 +57,8 @@ def _drawing(name):
         return ""
     arguments, look = COMMANDS[name]["run"], COMMANDS[name].get("plot", "")
     plot = " ".join(filter(None, (f"swe-sphere plot {name}.nc", look, "--no-panel")))
-    return f"The picture:\n\n    swe-sphere run {name} {arguments} --out {name}.nc\n    {plot}"
+    run = f"swe-sphere run {name} {arguments} --out {name}.nc"
+    return f"The picture is made by\n\n    {run}\n    {plot}"
 
 
 def _described(factory):
