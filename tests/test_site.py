@@ -40,7 +40,7 @@ def test_every_scene_has_a_section_with_its_source_and_its_formula(site):
         assert "<strong>Source</strong>" in section and f"swe-sphere run {name}" in section, name
     section = sections["williamson2"]
     assert "sin² θ" in section and "tilt of the axis of flow" in section and "1.4e-11" in section
-    assert "so that all that grows is the imprint of the grid." in sections["galewsky"]
+    assert "so that all growth comes from the imprint of the grid." in sections["galewsky"]
 
 
 @pytest.mark.thorough
