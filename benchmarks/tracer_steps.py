@@ -110,13 +110,15 @@ steps. A run prints and writes states after whole tracer steps.
 * **Custom steppers** can use the option if they combine tendencies linearly. A stepper that keeps
   earlier states must name them in `levels`, otherwise the option is refused. Implicit and
   exponential steppers solve for tracers together with the flow and refuse the option.
-* **Prescribed wind.** The stepper steps the depth and G alone.
+* **Prescribed wind.** There are no flow steps. Depth and tracers take the long step together, in
+  two halves with the wind at the middle of each; tracers are stepped as the depth is, so that a
+  constant mixing ratio stays constant.
 * **Stages.** A tracer step needs few stages, since transport has no fast waves: 4 to 10 stages, of
   fourth order for a steady flux, reach 2.8 to 7.9 over the spectral radius
   (`benchmarks/tracer_stages.py`). At the initial state a tracer step has at most two such parts,
   which limits `--tracer-steps`; if the wind becomes stronger it has more. With a fixed flux the
   step is of second order (`tests/test_tracer_steps.py`). An automatic tracer step is at most three
-  hours.
+  hours, except under a prescribed wind.
 * **Sources of depth** (forcing, relaxation) add no tracer and cannot be distinguished from fluxes:
   the option is refused.
 

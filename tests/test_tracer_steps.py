@@ -19,6 +19,7 @@ from swe_sphere.steppers import STEPPERS, Stepper
 from swe_sphere.steppers.tracer_steps import (
     LONGEST,
     CarriedTracers,
+    CarriedWithDepth,
     stages_for,
     tracer_limit,
 )  # fmt: skip
@@ -60,7 +61,10 @@ def rough_hill(mesh):
 
 def carried(model, name, dt, every, cycles, state=None):
     """A stepper after so many of its long steps."""
-    stepper = CarriedTracers(model, STEPPERS[name](model.carrier, dt), every)
+    if model.scene.wind is None:
+        stepper = CarriedTracers(model, STEPPERS[name](model.carrier, dt), every)
+    else:
+        stepper = CarriedWithDepth(model, STEPPERS[name], dt, every)
     stepper.start(model.initial_state() if state is None else state)
     for _ in range(cycles):
         stepper.step()

@@ -158,7 +158,6 @@ class MassFlux:
         self.first = model.fluid_size
         """Offset of G in a state vector."""
         self._depth, self._rate = self.first - self._size, model.device_mesh.stage
-        self._wind: wp.array | None = model.parameters.get("wind")
         (self._kernel,) = model.launch.compile(model.device_mesh.real, mass_flux)
 
     def operations(self, component: str, base: wp.array | None, stage: Any) -> list[Operation]:
@@ -173,7 +172,6 @@ class MassFlux:
         return [Operation(lambda x, out: self.carry(x, x, out, stage))]
 
     def carry(self, wind: wp.array, x: wp.array, out: wp.array, stage: Any = None) -> None:
-        """Set out_G = h V, or the result of a stage; V is in front of `wind`, or prescribed."""
+        """Set out_G = h V, or the result of a stage, with the wind in front of `wind`."""
         size, stage = self._size, self._rate if stage is None else stage
-        wind = wind if self._wind is None else self._wind
         self._launch(self._kernel, size, wind, x, self._depth, size, self.first, stage, out)

@@ -328,7 +328,8 @@ def tracer_cycle(sim: Any, dt: float) -> int:
         raise ConfigError(f"tracer-steps={asked}: {reason}; leave tracer-steps out")
     limit = 0.0 if reason else tracer_limit(sim.model)
     if asked == "auto":
-        return max(1, int(min(limit, LONGEST_OF_TRACERS) / dt)) if math.isfinite(limit) else 1
+        longest = min(limit, LONGEST_OF_TRACERS if sim.scene.wind is None else math.inf)
+        return max(1, int(longest / dt)) if math.isfinite(longest) else 1
     if asked * dt > limit * ROUNDING:
         raise ConfigError(
             f"tracer-steps={asked}: the longest step of the tracers is {limit:.4g} s; of"

@@ -322,7 +322,7 @@ class Simulation:
     def _make_stepper(self, dt: float, cycle: int) -> Trajectory:
         """Build the present stepper: with steps of dt [s], so many of them taken together."""
         from swe_sphere.steppers.adaptive import AdaptiveSteps
-        from swe_sphere.steppers.tracer_steps import CarriedTracers
+        from swe_sphere.steppers.tracer_steps import CarriedTracers, CarriedWithDepth
 
         model, options = self.model, self.options | self._objects
         stepper: Trajectory
@@ -330,8 +330,10 @@ class Simulation:
             stepper = single = self.kind(model, dt, **options)
             if self.config.adaptive is not None:
                 stepper = AdaptiveSteps(single, self.config.adaptive)
-        else:
+        elif self.scene.wind is None:
             stepper = CarriedTracers(model, self.kind(model.carrier, dt, **options), cycle)
+        else:
+            stepper = CarriedWithDepth(model, self.kind, dt, cycle)
         self._stepper, self._snapshot = stepper, None
         self._counted = dict(model.counters)
         return stepper

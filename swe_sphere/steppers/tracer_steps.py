@@ -1,6 +1,7 @@
 """Separate tracer steps: one for several steps of the flow that carries the tracers."""
 
 import math
+from abc import ABC, abstractmethod
 from typing import Any, TypeVar
 
 import numpy as np
@@ -11,7 +12,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import spectral_radius
 from swe_sphere.errors import ConfigError, Unstable
 from swe_sphere.kernels import combine_kernel
-from swe_sphere.operators.tracers import Crossings, FluxSteps, TracerTransport
+from swe_sphere.operators.tracers import Crossings, FluxSteps, MassSteps, TracerTransport
 from swe_sphere.ranks.limits import check_stop
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.split_diffusion import Diffusion
@@ -97,14 +98,55 @@ def tracer_limit(model: Model) -> float:
     return PARTS * LONGEST / (MARGIN * radius) if radius > 0.0 else math.inf
 
 
-class CarriedTracers(Trajectory):
-    """Takes `every` steps of a stepper on `model.carrier`, and then one step of all tracers.
+class TracerSteps(Trajectory, ABC):
+    """Takes `every` steps of `dt` at once, and one step of tracers over all of them.
 
-    The time-averaged mass flux of the stepper carries the tracers: q = 1 stays 1 and every tracer
-    keeps its mass. Other changes of the depth (the residual of a solver, diffusion in steps of
-    another length) change tracers in proportion, as in `TracerWaves`. The state is complete, and
-    observed, only after all steps. The method is of second order at most. Raises ConfigError for a
-    stepper that does not name the states in its memory.
+    Its state is complete, and observed, only after those. The method is of second order at most.
+    Diffusion of tracers is split off as that of the flow is.
+    """
+
+    def __init__(self, model: Model, kind: type[Stepper], dt: float, every: int) -> None:
+        """Create the steps; `kind` is the class of the flow's stepper, with steps of dt [s]."""
+        super().__init__(model.inviscid, dt)
+        self.name, self.order = kind.name, min(2, kind.order)  # type: ignore[misc]
+        self.together, self._length = every, every * dt
+        self.can_give_up = is_large(model)
+        self.diffusion = Diffusion(model, self._length) if model.diffusive else None
+        self._rate, self._size = TransportRate(model), model.device_mesh.size
+        self.counters["tracer_stages"] = 0
+
+    def step(self) -> None:
+        diffuses_first = self.steps // self.together % 2 == 1
+        if self.diffusion and diffuses_first:
+            self.diffusion.act(self.state)
+        self._move()
+        if self.diffusion and not diffuses_first:
+            self.diffusion.act(self.state)
+        self._finish()
+        if self.model.limiter is not None:
+            self.model.limiter(self.state)
+        self.steps += self.together
+
+    @abstractmethod
+    def _move(self) -> None:
+        """Advance `state` from `time` over all steps."""
+
+    def _finish(self) -> None:
+        """Copy wind and depth from the flow's own stepper."""
+
+    def _carry(self, steps: MassSteps, flow: wp.array, air: wp.array, tau: float) -> None:
+        """Carry masses of `state` for tau [s] by a flow, which moves with a speed of flow / air."""
+        parts, fractions = stages_for(tau * self._rate(flow, air))
+        self.counters["tracer_stages"] += parts * len(fractions)
+        steps(flow, self.state, tau, parts, fractions)
+
+
+class CarriedTracers(TracerSteps):
+    """Tracers carried by the time-averaged mass flux of a stepper on `model.carrier`.
+
+    q = 1 stays 1 and every tracer keeps its mass. Other changes of the depth (the residual of a
+    solver, diffusion in steps of another length) change tracers in proportion, as in `TracerWaves`.
+    Raises ConfigError for a stepper that does not name the states in its memory.
     """
 
     def __init__(self, model: Model, scheme: Stepper, every: int) -> None:
@@ -116,15 +158,9 @@ class CarriedTracers(Trajectory):
                 f"tracer-steps: {scheme.name} remembers {', '.join(others)}: its"
                 " `levels` must name those that are states of earlier times"
             )
-        super().__init__(model.inviscid, scheme.dt)
-        self.name, self.order = scheme.name, min(2, scheme.order)  # type: ignore[misc]
-        self.together, self._length = every, every * scheme.dt
-        self.can_give_up = is_large(model)
-        self.diffusion = Diffusion(model, self._length) if model.diffusive else None
-        self._rate, self.counters["tracer_stages"] = TransportRate(model), 0
-        self.scheme, tracers = scheme, model.tracers
+        super().__init__(model, type(scheme), scheme.dt, every)
+        self.scheme, tracers, n, first = scheme, model.tracers, self._size, model.fluid_size
         assert tracers is not None
-        n, first = model.device_mesh.size, model.fluid_size
         self._depth, self._crossed = slice(first - n, first), slice(first, first + 2 * n)
         layout = model.size, first - n, first, tracers.count
         self._steps = FluxSteps(model.device_mesh, model.launch, *layout)
@@ -144,20 +180,7 @@ class CarriedTracers(Trajectory):
         wp.copy(flow, state, count=self._depth.stop)
         self.scheme.start(flow, t)
 
-    def step(self) -> None:
-        diffuses_first = self.steps // self.together % 2 == 1
-        if self.diffusion and diffuses_first:
-            self.diffusion.act(self.state)
-        self._move()
-        if self.diffusion and not diffuses_first:
-            self.diffusion.act(self.state)
-        self._finish()
-        if self.model.limiter is not None:
-            self.model.limiter(self.state)
-        self.steps += self.together
-
     def _move(self) -> None:
-        """Step the flow, and then the tracers with its mass flux."""
         launch, scheme, size = self.model.launch, self.scheme, self._flux.size
         now = scheme.state[self._crossed]
         for name in (scheme.levels or ("state",))[::-1]:  # the present one becomes zero last
@@ -168,13 +191,9 @@ class CarriedTracers(Trajectory):
             scheme.step()
         crossed = scheme.state[self._crossed]
         launch(self._add, size, self._nothing, crossed, 1.0 / self._length, self._flux)
-        reach = self._length * self._rate(self._flux, self.state[self._depth])
-        parts, fractions = stages_for(reach)
-        self.counters["tracer_stages"] += parts * len(fractions)
-        self._steps(self._flux, self.state, self._length, parts, fractions)
+        self._carry(self._steps, self._flux, self.state[self._depth], self._length)
 
     def _finish(self) -> None:
-        """Copy wind and depth from the stepper."""
         if self._has_residual:  # tracers follow the residual, and keep their masses
             new, before = self.state, self._before
             wp.copy(before, new)
@@ -200,3 +219,22 @@ class CarriedTracers(Trajectory):
 def _of_flow(values: dict[str, T]) -> dict[str, T]:
     """Return the values of the flow's stepper by their names in checkpoints."""
     return {f"{FLOW}{name}": value for name, value in values.items()}
+
+
+class CarriedWithDepth(TracerSteps):
+    """Depth and tracers carried by a prescribed wind, held constant in each piece of a long step.
+
+    No separate flow then requires shorter steps.
+    """
+
+    def __init__(self, model: Model, kind: type[Stepper], dt: float, every: int) -> None:
+        super().__init__(model, kind, dt, every)
+        mesh, masses = model.device_mesh, len(model.names)
+        self._steps = MassSteps(mesh, model.launch, model.size, 0, masses)
+        self._ones = mesh.upload(np.ones(mesh.size))
+
+    def _move(self) -> None:
+        length = self._length / PARTS
+        for piece in range(PARTS):
+            self.model.set_time(self.time + (piece + 0.5) * length)
+            self._carry(self._steps, self.model.parameters["wind"], self._ones, length)
