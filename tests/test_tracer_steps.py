@@ -13,7 +13,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError, Unstable
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.diagnose import divergence
-from swe_sphere.operators.tracers import Crossings, FluxSteps, symbol
+from swe_sphere.operators.tracers import Crossings, MassSteps, symbol
 from swe_sphere.simulation.planning import time_plan
 from swe_sphere.steppers import STEPPERS, Stepper
 from swe_sphere.steppers.tracer_steps import (
@@ -86,7 +86,7 @@ def test_a_stage_is_minus_the_divergence_of_what_the_flux_carries(mesh, shape, c
     upload = model.device_mesh.upload
     u, v = 1e4 * random.standard_normal((2, n))
     depth, masses = 1000.0 + random.random(n), random.random((count, n))
-    step = FluxSteps(model.device_mesh, model.launch, (count + 1) * n, 0, n, count)
+    step = MassSteps(model.device_mesh, model.launch, (count + 1) * n, n, count, depth=0)
     flux, tau = upload(np.concatenate([u, v])), 7.0
     state = upload(np.concatenate([depth, masses.ravel()]))
     step(flux, state, tau, 1, (1.0,))

@@ -184,23 +184,39 @@ class Crossings:
 
 
 class MassSteps:
-    """Solves dm/dt = -div(m V) for `count` masses m, blocks (N,) from `first` on in states."""
+    """Solves dm/dt = -div(m V) for `count` masses m, blocks (N,) from `first` on in states.
+
+    With the offset `depth` of h the flow is a mass flux F: dm/dt = -div(q F), q = m / h, and
+    dh/dt = -div(F). h changes linearly to its new value: q = 1 stays 1.
+    """
 
     def __init__(
-        self, mesh: DeviceMesh, launch: Launcher, size: int, first: int, count: int
-    ) -> None:
+        self, mesh: DeviceMesh, launch: Launcher, size: int, first: int, count: int,
+        depth: int | None = None,
+    ) -> None:  # fmt: skip
         self._mesh, self._launch, self._first = mesh, launch, first
         self._transport = TracerTransport(mesh, launch, count)
         self._work = wp.zeros(size, dtype=mesh.real, device=mesh.device)
         self._stages: dict[tuple[int, float], Any] = {}
+        self._ratio: MixingRatio | None = None
+        if depth is not None:
+            self._ratio = MixingRatio(mesh, launch, count, depth, first)
+            self._air_transport = TracerTransport(mesh, launch, 1)
+            self._ones = mesh.upload(np.ones(mesh.size))
+            self._old, self._rate = (wp.zeros_like(self._ones) for _ in "or")
+            self._depth, self._add = slice(depth, depth + mesh.size), combine_kernel(mesh.real, 1)
+            launch.load(self._add)
 
     def __call__(
         self, flow: wp.array, state: wp.array, tau: float, parts: int, fractions: Sequence[float]
     ) -> None:
-        """Step the masses of a state by tau [s] in equal parts, by the wind at the front of `flow`.
+        """Step the masses of a state by tau [s] in equal parts, by the flow in front of `flow`.
 
         In each part m_i = m_0 + fractions_i (tau / parts) dm/dt(m_(i-1)); the last fraction is 1.
         """
+        if self._ratio is not None:
+            wp.copy(self._old, state[self._depth])
+            self._air_transport(flow, self._ones, 0, self._rate, 0)
         carried, at = self._carried(state, 0.0)
         for part in range(parts):
             check_stop()
@@ -211,44 +227,18 @@ class MassSteps:
 
     def _carried(self, state: wp.array, t: float) -> tuple[wp.array, int]:
         """Return the array that the flow carries t [s] after the beginning, and its offset."""
-        return state, self._first
+        if self._ratio is None:
+            return state, self._first
+        depth = state[self._depth]
+        self._launch(self._add, depth.size, self._old, self._rate, t, depth)
+        self._ratio.set(state)
+        return self._ratio.values, 0
 
     def _stage(self, state: wp.array, tau: float) -> Any:
         if (state.ptr, tau) not in self._stages:
             stage = self._stages[state.ptr, tau] = stage_struct(self._mesh.real)()
             stage.on, stage.start, stage.tau = True, state, tau
         return self._stages[state.ptr, tau]
-
-
-class FluxSteps(MassSteps):
-    """Solves dm/dt = -div(q F), q = m / h; h changes linearly to its new value: q = 1 stays 1.
-
-    F is a mass flux in place of the wind, and dh/dt = -div(F); h starts at the offset `depth`.
-    """
-
-    def __init__(
-        self, mesh: DeviceMesh, launch: Launcher, size: int, depth: int, first: int, count: int
-    ) -> None:
-        super().__init__(mesh, launch, size, first, count)
-        self._ratio = MixingRatio(mesh, launch, count, depth, first)
-        self._air_transport = TracerTransport(mesh, launch, 1)
-        self._ones = mesh.upload(np.ones(mesh.size))
-        self._old, self._rate = (wp.zeros_like(self._ones) for _ in "or")
-        self._depth, self._add = slice(depth, depth + mesh.size), combine_kernel(mesh.real, 1)
-        launch.load(self._add)
-
-    def __call__(
-        self, flow: wp.array, state: wp.array, tau: float, parts: int, fractions: Sequence[float]
-    ) -> None:
-        wp.copy(self._old, state[self._depth])
-        self._air_transport(flow, self._ones, 0, self._rate, 0)
-        super().__call__(flow, state, tau, parts, fractions)
-
-    def _carried(self, state: wp.array, t: float) -> tuple[wp.array, int]:
-        depth = state[self._depth]
-        self._launch(self._add, depth.size, self._old, self._rate, t, depth)
-        self._ratio.set(state)
-        return self._ratio.values, 0
 
 
 def symbol(derivative: Array, weights: Array) -> float:

@@ -12,7 +12,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import spectral_radius
 from swe_sphere.errors import ConfigError, Unstable
 from swe_sphere.kernels import combine_kernel
-from swe_sphere.operators.tracers import Crossings, FluxSteps, MassSteps, TracerTransport
+from swe_sphere.operators.tracers import Crossings, MassSteps, TracerTransport
 from swe_sphere.ranks.limits import check_stop
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.split_diffusion import Diffusion
@@ -162,8 +162,8 @@ class CarriedTracers(TracerSteps):
         self.scheme, tracers, n, first = scheme, model.tracers, self._size, model.fluid_size
         assert tracers is not None
         self._depth, self._crossed = slice(first - n, first), slice(first, first + 2 * n)
-        layout = model.size, first - n, first, tracers.count
-        self._steps = FluxSteps(model.device_mesh, model.launch, *layout)
+        layout = model.size, first, tracers.count, first - n
+        self._steps = MassSteps(model.device_mesh, model.launch, *layout)
         self._nothing, self._flux = model.zeros(2 * n), model.zeros(2 * n)
         self._add = combine_kernel(model.device_mesh.real, 1)
         self._has_residual = model.diffusive or scheme.family == "imex"
