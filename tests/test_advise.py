@@ -62,7 +62,7 @@ def test_a_search_keeps_to_its_budget() -> None:
         target_kind="time", budget=1e-6,
     )  # fmt: skip
     assert found.role.values.tolist() == ["converged", "converged"]
-    assert len(notes) == 2 and all("no step is good enough" in note for note in notes)
+    assert len(notes) == 2 and all("no step is accurate enough" in note for note in notes)
 
 
 @pytest.mark.parametrize(

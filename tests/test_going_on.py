@@ -75,7 +75,7 @@ def test_a_checkpoint_takes_the_place_of_a_checkpoint_only(tmp_path, what):
     else:
         place.write_text("mine")
     before = place.read_bytes() if place.is_file() else None
-    with pytest.raises(ConfigError, match="is there already, and no checkpoint"):
+    with pytest.raises(ConfigError, match="exists and is not a checkpoint"):
         sim.checkpoint(place)
     assert place.is_dir() if before is None else place.read_bytes() == before
     assert sim.checkpoint(sim.checkpoint(tmp_path / "a")).exists()
@@ -118,8 +118,8 @@ def test_a_reference_is_of_the_end_of_the_run():
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"scene": get_scene("williamson2"), "alpha": 0.7}, "this one is made already"),
-        ({"scene": get_scene("williamson2"), "settings": ["scene.alpha=1"]}, "made already"),
+        ({"scene": get_scene("williamson2"), "alpha": 0.7}, "this one is built already"),
+        ({"scene": get_scene("williamson2"), "settings": ["scene.alpha=1"]}, "built already"),
         ({"mesh": Mesh.build(3, 4)}, "(ne|np) is given twice: as (ne|np), and by the mesh"),
         ({"restart": "a"}, r"see from_checkpoint\(\)"),
         ({"plot": "a"}, r"see plot\(\)"),
@@ -138,7 +138,7 @@ def test_a_mesh_of_another_planet_is_refused():
 
 def test_a_checkpoint_is_no_place_for_what_runs_are_asked_for(tmp_path):
     path = small().checkpoint(tmp_path / "a.npz")
-    with pytest.raises(ConfigError, match=r"out is no setting of a simulation: see run\(\)"):
+    with pytest.raises(ConfigError, match=r"out is not a setting of a simulation: see run\(\)"):
         Simulation.from_checkpoint(path, out=tmp_path / "run.nc")
 
 
@@ -210,7 +210,7 @@ def test_a_time_limit_leaves_no_step_uncalled():
 
 def test_calls_fall_on_steps_that_are_taken_at_once():
     sim = Simulation("deformational", ne=2, np=4, dt=300.0, stepper="rk4", tracer_steps=4)
-    with pytest.raises(ConfigError, match="3 steps are no multiple of the 4"):
+    with pytest.raises(ConfigError, match="3 steps are not a multiple of the 4"):
         sim.run(days=0.5, callbacks=[every(steps=3)(lambda sim: None)])
     calls = []
     sim.run(days=0.5, callbacks=[every(steps=8)(lambda sim: calls.append(sim.steps))])

@@ -63,5 +63,5 @@ def test_what_belongs_to_one_run_is_not_inherited(name: str, value: object) -> N
 def test_a_file_without_a_configuration_is_refused() -> None:
     restart = Restart.__new__(Restart)
     restart.path, restart.steps, restart.attributes = Path("run.nc"), 1, {}
-    with pytest.raises(ConfigError, match="does not say its configuration"):
+    with pytest.raises(ConfigError, match="does not state its configuration"):
         restart.adopt(make_config({"scene": "williamson6"}))

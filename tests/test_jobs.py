@@ -149,11 +149,11 @@ def test_what_other_processes_do_not_have_is_refused():
         name = "rk4-of-this-process"
 
     for scene, stepper in ((get_scene("lauter"), "rk4"), ("lauter", Twin)):
-        with pytest.raises(ConfigError, match="jobs: other processes know nothing"):
+        with pytest.raises(ConfigError, match="jobs: other processes cannot import"):
             sweep(scene, stepper, jobs=2, **TINY)
     diagnostic(name="of_here")(lambda sim: 1.0)
     try:
-        with pytest.raises(ConfigError, match="nothing of of_here"):
+        with pytest.raises(ConfigError, match="cannot import of_here"):
             sweep("lauter", "rk4", jobs=2, **TINY)
     finally:
         DIAGNOSTICS.pop("of_here", None)

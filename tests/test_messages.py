@@ -1,89 +1,90 @@
-"""Messages between ranks, again and again between the same arrays."""
+"""Every text that the program can print is listed in one file, where a person can read it."""
 
-import json
-import subprocess
+import ast
+import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
+from swe_sphere.cli.main import COMMANDS
 
-MPIEXEC = str(Path(sys.executable).with_name("mpiexec"))
-ROUNDS = 40
-
-SCRIPT = """
-import json, random, time
-import numpy as np
-import warp as wp
-from swe_sphere.operators.halo import Halo
-from swe_sphere.operators.launch import Launcher
-from swe_sphere.operators.replay import recorded
-from swe_sphere.ranks.communicator import world
-
-comm, n = world(), 1000
-other, places = 1 - comm.rank, np.random.default_rng(1).permutation(n)
-x = wp.zeros(2 * n, dtype=wp.float64, device="cpu")
-scattered = Halo(comm, x, {other: places}, {other: n + places})
-in_place = Halo(comm, x, {other: np.arange(n)}, {other: np.arange(n, 2 * n)})
+SOURCES = Path(__file__).parents[1]
+LIST = Path(__file__).with_name("data") / "messages.txt"
+RENEW = "python tests/test_messages.py"
+SENTENCE = re.compile(r"[A-Za-z}\]]{2,}[,;:)]? [(\[]?[a-zA-Z{'`]{2,}")
+"""Texts of at least two words; shorter ones are names and keys."""
+CODE = re.compile(r"[;{]\n|return |const |number\{|&r\)|::|__")
+"""Parts of C++ code, which the kernels contain."""
+HELP = "use_attribute_docstrings"
+"""Setting of pydantic's models whose attributes have their help as docstrings."""
 
 
-def said(halo, start, wait):
-    found = []
-    for k in range(ROUNDS):
-        x.numpy()[:n] = 100.0 * k + comm.rank + 0.001 * np.arange(n)
-        time.sleep(random.choice([0.0, 0.003]))
-        start()
-        time.sleep(random.choice([0.0, 0.003]))
-        wait()
-        expected = 100.0 * k + other + 0.001 * np.arange(n)
-        found.append(bool(np.array_equal(x.numpy()[n:], expected)))
-    return all(found) and halo.exchanges == ROUNDS
+def text_of(node: ast.AST) -> str | None:
+    """Return a literal text, with the names of inserted values in braces."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return node.value
+    if not isinstance(node, ast.JoinedStr):
+        return None
+    parts = []
+    for part in node.values:
+        if isinstance(part, ast.Constant):
+            parts.append(str(part.value))
+        else:
+            shown = part.value if isinstance(part, ast.FormattedValue) else part
+            name = shown.attr if isinstance(shown, ast.Attribute) else getattr(shown, "id", "…")
+            parts.append(f"{{{name}}}")
+    return "".join(parts)
 
 
-def repeated(halo):
-    launch = recorded(Launcher("cpu", comm), lambda *_: halo())
-    return lambda: launch(x, x)
+def texts(path: Path) -> Iterator[str]:
+    """Yield the texts of a module: literals, help of options and docstrings of commands."""
+    source = path.read_text("utf-8")
+    tree, silent = ast.parse(source), set()
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        is_help = HELP in source or "RunConfig)" in source
+        for place, statement in enumerate(body if isinstance(body, list) else ()):
+            if isinstance(statement, ast.Expr) and text_of(statement.value) is not None:
+                name = f"{path.stem}:{getattr(node, 'name', '')}"
+                is_option = place > 0 and is_help and isinstance(node, ast.ClassDef)
+                if not (is_option or (place == 0 and name in COMMANDS.values())):
+                    silent.add(id(statement.value))
+    pending: list[ast.AST] = [tree]
+    while pending:
+        node = pending.pop()
+        if id(node) in silent:
+            continue
+        if (text := text_of(node)) is not None:
+            yield text
+        else:
+            pending += reversed([*ast.iter_child_nodes(node)])
 
 
-random.seed(comm.rank)
-right = [said(scattered, scattered.start, scattered.wait), said(in_place, lambda: None, in_place)]
-again = Halo(comm, x, {other: places}, {other: n + places})
-right.append(said(again, lambda: None, repeated(again)))
-right.append(again.bytes_sent == 8 * n * ROUNDS)
-right.append(np.array_equal(comm.gather(np.full(comm.rank + 1, comm.rank), [1, 2]), [0, 1, 1]))
-
-messages = Halo(comm, x, {other: places}, {other: n + places})
-waiting = {}
-for name, call in {
-    "messages": messages, "gather": lambda: comm.gather(np.ones(1), [1, 1])
-}.items():
-    comm.tell_all(None)
-    if comm.rank:
-        time.sleep(1.0)
-    begin = time.process_time()
-    call()
-    waiting[name] = time.process_time() - begin
-if comm.rank == 0:
-    print(json.dumps([right, waiting]))
-"""
+def listing() -> str:
+    """Return the list of all texts, by module."""
+    lines = [
+        "Every text that the program can print: messages, warnings, headings and help.",
+        f"Renewed by: {RENEW}",
+    ]
+    for folder in ("kernels", "testcases", "swe_sphere"):
+        for path in sorted((SOURCES / folder).rglob("*.py")):
+            found = [text for text in texts(path) if SENTENCE.search(text)]
+            shown = [" ".join(text.split()) for text in found if not CODE.search(text)]
+            if shown:
+                lines += ["", path.relative_to(SOURCES).as_posix(), *dict.fromkeys(shown)]
+    return "\n".join(lines) + "\n"
 
 
-@pytest.fixture(scope="module")
-def told():
-    """What two ranks find: whether they got the right numbers, and CPU time spent waiting [s]."""
-    pytest.importorskip("mpi4py")
-    script = SCRIPT.replace("ROUNDS", str(ROUNDS))
-    command = [MPIEXEC, "-n", "2", sys.executable, "-c", script]
-    return json.loads(subprocess.check_output(command, text=True, timeout=300).splitlines()[-1])
+def test_the_list_of_messages_is_up_to_date():
+    assert listing() == LIST.read_text("utf-8"), f"renew the list: {RENEW}"
 
 
-def test_each_rank_gets_what_the_other_sent_in_that_round(told):
-    """Whichever rank is late, scattered or in place, recorded or not."""
-    right, _ = told
-    assert right == [True] * 5
+def test_messages_use_plain_words():
+    """Idiom that the style guide replaces does not return."""
+    idiom = re.compile(r"\b(go(es)? on|blows? up|anew|asked for|dear|hangs on|tells?|knows)\b")
+    assert not [line for line in listing().splitlines() if idiom.search(line)]
 
 
-@pytest.mark.parametrize("kind", ["messages", "gather"])
-def test_a_rank_that_waits_leaves_its_core_to_others(told, kind):
-    """Of a second of waiting for the other rank, most is slept."""
-    _, waiting = told
-    assert waiting[kind] < 0.5
+if __name__ == "__main__":
+    LIST.write_text(listing(), "utf-8")
+    sys.stdout.write(f"{LIST}\n")

@@ -59,7 +59,7 @@ def test_an_unfinished_run_is_to_be_gone_on_with(tmp_path):
     file = tmp_path / "jet.nc"
     unstable = {"scene": "williamson2", "days": 20.0, "dt": 28800.0, "every": 8.0}
     assert not small(**unstable, out=file).completed
-    with pytest.raises(ConfigError, match=rf"stopped at day .*go on with it \(--restart {file}\)"):
+    with pytest.raises(ConfigError, match=rf"stopped at day .*resume it \(--restart {file}\)"):
         small(out=file)
 
 
@@ -67,7 +67,7 @@ def test_an_unfinished_run_is_to_be_gone_on_with(tmp_path):
 def test_what_is_no_run_is_not_replaced(tmp_path, content):
     file = tmp_path / "thesis.nc"
     file.write_bytes(content)
-    with pytest.raises(ConfigError, match=r"no whole file of a run: .*--overwrite") as error:
+    with pytest.raises(ConfigError, match=r"not a complete file of a run: .*--overwrite") as error:
         small(out=file)
     assert "\n" not in str(error.value) and file.read_bytes() == content
     assert small(out=file, overwrite=True).completed
@@ -78,7 +78,7 @@ def test_a_checkpoint_without_its_frames_is_not_replaced(finished):
     finished.unlink()
     kept = checkpoint_path(finished)
     before = kept.read_bytes()
-    with pytest.raises(ConfigError, match=r"jet.nc.restart is there already.*--overwrite"):
+    with pytest.raises(ConfigError, match=r"jet.nc.restart exists already.*--overwrite"):
         small(out=finished)
     assert kept.read_bytes() == before
     onwards = {"scene": SMALL["scene"], "restart": kept, "out": finished, "days": 1.0}

@@ -94,7 +94,7 @@ def test_break_even_next_to_a_state_at_rest_and_with_gaps(tmp_path) -> None:
     }
     page = write_map(datasets, tmp_path, recipe=Recipe("gaps", (), axis="scene.speed"))
     assert page.read_text().count("everywhere, with gaps") == 2
-    with pytest.raises(ConfigError, match=r"has no number \(speed"):
+    with pytest.raises(ConfigError, match=r"has no axis \(speed"):
         best_steps(datasets, "(speed")
 
 
@@ -193,7 +193,7 @@ def test_a_map_of_no_sweeps_is_refused(tmp_path) -> None:
         ("scene.sped", {}, "map: a sweep of williamson5 has no number scene.sped"),
         ("nE", {}, "map: a sweep of williamson5 has no number nE"),
         ("hyperviscosity.nu", {}, "has no number hyperviscosity.nu"),
-        ("scene.speed", {"settings": "viscosity.nu=1e5"}, "has no number scene.speed"),
+        ("scene.speed", {"settings": "viscosity.nu=1e5"}, "has no axis scene.speed"),
         ("ne", {"target_error": []}, "map: a sweep of williamson5 has no target-error"),
     ],
 )

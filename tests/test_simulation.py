@@ -263,7 +263,7 @@ def test_a_checkpoint_stands_where_the_last_frame_does(tmp_path, stepper):
         ({"stepper": "leapfrog"}, "stepper is 'rk4' there and 'leapfrog' here"),
         ({"precision": "float32"}, "precision is 'float64' there"),
         ({"settings": ["viscosity.nu=1"]}, "effects is"),
-        ({"dt": 100.0}, "goes on with the step of its file"),
+        ({"dt": 100.0}, "keeps the step of its file"),
         ({"days": 0.25}, "already"),
         ({"restart": "moved.nc"}, "moved.nc has no checkpoint: there is no file moved.nc.restart"),
         ({"restart": "other.nc"}, "other.nc: it is not a file of a run"),

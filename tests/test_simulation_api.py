@@ -133,7 +133,7 @@ def test_it_goes_on_where_it_stands():
     assert sim.time == 0.5 * DAY
     rest = sim.run(days=1.0)
     assert (rest["energy_drift"], rest["steps"]) == (whole["energy_drift"], 48)
-    with pytest.raises(ConfigError, match="stands at day 1 already"):
+    with pytest.raises(ConfigError, match="is already at day 1"):
         sim.run(days=0.5)
 
 
@@ -149,7 +149,7 @@ def test_it_goes_on_where_it_stands():
         ({"effects": ["drag"]}, r"got \['drag'\]"),
         ({"effects": "drag"}, "got 'drag'"),
         ({"effects": 3}, "got 3"),
-        ({"out": "a.nc"}, "out is no setting of a simulation"),
+        ({"out": "a.nc"}, "out is not a setting of a simulation"),
         ({"nee": 3}, "there is no option 'nee'"),
         ({"effects": {"drag.linearr": 1}}, "no effect 'drag'|no parameter"),
         ({"parameters": {"beta": 1}}, "beta"),
@@ -167,7 +167,7 @@ def test_what_cannot_be_is_one_line(values, word):
 
 
 def test_parameters_are_for_scenes_by_name():
-    with pytest.raises(ConfigError, match="this one is made already"):
+    with pytest.raises(ConfigError, match="this one is built already"):
         small(get_scene("williamson2"), parameters={"alpha": 1.0})
 
 

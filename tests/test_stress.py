@@ -305,7 +305,7 @@ def test_choosing() -> None:
     assert {case.stepper for case in chosen} == {"tr-bdf2", "rk4"}
     with pytest.raises(ConfigError, match="did you mean 'noise'"):
         choose("stability", ["noize"])
-    with pytest.raises(ConfigError, match="no case is left"):
+    with pytest.raises(ConfigError, match="no case remains"):
         choose("stability", ["steady"], ["gauss-legendre"], quick=True)
 
 
@@ -334,7 +334,7 @@ def test_a_page_of_chosen_cases_replaces_only_a_page_of_the_same(tmp_path, capsy
     page.write_text("# Stability\n\nAll cases.\n")
     with pytest.raises(SystemExit) as end:
         main(line)
-    assert end.value.code == 2 and "holds other cases than the chosen" in capsys.readouterr().err
+    assert end.value.code == 2 and "contains other cases than" in capsys.readouterr().err
     assert page.read_text() == "# Stability\n\nAll cases.\n"
     page.unlink()
     same = [

@@ -104,7 +104,7 @@ def test_a_folder_is_held_until_its_process_dies(tmp_path):
     command = (sys.executable, "-c", HOLD, tmp_path / "d")
     with subprocess.Popen(command, stdout=subprocess.PIPE) as first:
         assert first.stdout.readline() == b"held\n"
-        with pytest.raises(ConfigError, match="another process is at"), locked(tmp_path / "d"):
+        with pytest.raises(ConfigError, match="another process is using"), locked(tmp_path / "d"):
             pass
         first.kill()
     with locked(tmp_path / "d"):
@@ -114,5 +114,5 @@ def test_a_folder_is_held_until_its_process_dies(tmp_path):
 
 def test_a_folder_that_cannot_be_made_is_told(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(ConfigError, match=r"out: .*file cannot be made"):
+    with pytest.raises(ConfigError, match=r"out: .*file cannot be created"):
         locked(tmp_path / "file").__enter__()

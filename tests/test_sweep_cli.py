@@ -149,7 +149,7 @@ def test_a_page_that_no_sweep_has_made_is_not_replaced(swe, tmp_path, page):
     (tmp_path / page).write_text("mine")
     recipe = ("--recipe", "one.toml")
     status, _, err = swe(*recipe, *TINY)
-    assert status == 2 and f"{page} is of no sweep" in err
+    assert status == 2 and f"{page} is not of a sweep" in err
     assert (tmp_path / page).read_text() == "mine" and not (tmp_path / "d" / "runs").exists()
     if page == "d/README.md":
         assert swe("lauter", "--steppers", "rk4", "--dt", 3600, *TINY)[0] == 0
@@ -208,7 +208,7 @@ MISTAKES = {
     "--recipe quik --out d": "unknown recipe 'quik'; did you mean 'quick'",
     "--recipe none.toml --out d": "cannot read none.toml",
     "--report-only --out d": "there is no sweep in d",
-    "lauter --steppers rk4 --out damaged.nc": "damaged.nc cannot be made",
+    "lauter --steppers rk4 --out damaged.nc": "damaged.nc cannot be created",
     "lauter --steppers rk4 --target-error 0 --out d": "target-error: must be greater than 0",
 }
 
@@ -232,7 +232,7 @@ def test_ctrl_c_keeps_the_runs_and_leaves_with_130(tmp_path):
     process.send_signal(signal.SIGINT)
     err = process.communicate(timeout=300)[1].replace(f"swe-sphere: {COMPILING}\n", "")
     assert process.returncode == 130 and err.count("\n") == 1
-    assert err.startswith("swe-sphere: interrupted by Ctrl-C; ") and "goes on from there" in err
+    assert err.startswith("swe-sphere: interrupted by Ctrl-C; ") and "resumes the sweep" in err
     assert runs_of(tmp_path).records and (tmp_path / "sweep.nc").exists()
 
 

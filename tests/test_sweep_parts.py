@@ -58,7 +58,7 @@ def test_lists_may_be_written_in_any_way():
         ({"target_error": 0}, "target-error: must be greater than 0"),
         ({"target_error": ""}, "target-error: must not be empty"),
         ({"preconditioner": ","}, "preconditioner: must not be empty"),
-        ({"budget": 10}, "budget: only a search has one: give target-error too"),
+        ({"budget": 10}, "budget: only a search uses it: give target-error"),
         (
             {"budget": 10, "target_error": 1e-3, "jobs": 2},
             "jobs: processes cannot share a budget: leave jobs or budget out",

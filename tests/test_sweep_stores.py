@@ -72,8 +72,7 @@ def test_runs_of_a_scene_whose_base_has_changed_are_made_again(hills):
     notes = Notes()
     now = sweep("hills.toml", "rk4", watcher=notes, **options)
     assert notes.told == [
-        f"{hills}: 3 of 3 runs there are left out, and made again where they are asked for:"
-        " base.toml changed since"
+        f"{hills}: 3 of 3 runs there are ignored, and repeated if needed: base.toml changed since"
     ]
     assert len(finished(hills)) == 6 and set(old).isdisjoint(finished(hills)[3:])
     assert_same_rows(now, sweep("hills.toml", "rk4", watcher=notes, **options))
@@ -152,7 +151,7 @@ def test_another_reference_does_not_share_a_dataset_with_the_first(tmp_path):
 def test_a_second_sweep_in_a_folder_is_refused(swe, tmp_path):
     with locked(tmp_path / "d"):
         status, err = swe("lauter", *FLAGS, "--quiet")
-    assert status == 2 and err.count("\n") == 1 and "another process is at work in d" in err
+    assert status == 2 and err.count("\n") == 1 and "another process is using d" in err
     assert [*(tmp_path / "d").iterdir()] == []
 
 
@@ -172,7 +171,7 @@ def test_a_dataset_that_no_sweep_has_made_is_not_replaced(swe, tmp_path):
     (tmp_path / "d").mkdir()
     (tmp_path / "d" / "sweep.nc").write_text("mine")
     status, err = swe("lauter", *FLAGS, "--quiet")
-    assert status == 2 and err.count("\n") == 1 and "d/sweep.nc is of no sweep" in err
+    assert status == 2 and err.count("\n") == 1 and "d/sweep.nc is not of a sweep" in err
     assert (tmp_path / "d" / "sweep.nc").read_text() == "mine"
 
 
@@ -297,7 +296,7 @@ def test_a_report_needs_to_know_what_was_asked_for(swe, tmp_path, monkeypatch):
     (tmp_path / "d" / "sweep.json").unlink()
     status, err = swe("--report-only", "--out", "d")
     assert status == 2 and err.count("\n") == 1
-    assert "d: there is no sweep.json that says what was asked for: give the command" in err
+    assert "d: there is no sweep.json that states the request: give the command" in err
     assert swe("lauter", *FLAGS, "--quiet") == (0, "")  # the runs are known by what they are of
     assert len(finished(tmp_path / "d")) == 3
 
@@ -331,7 +330,7 @@ def test_records_of_the_wrong_form_are_one_line_each(swe, tmp_path):
         for command in (("--report-only", "--out", "d"), ("lauter", *FLAGS)):
             status, err = swe(*command)
             assert status == 2 and err.count("\n") == 1, path
-            assert f"{files[kind]} is no record" in err and path in err
+            assert f"{files[kind]} is not a record" in err and path in err
         file.write_text(whole)
 
 

@@ -141,7 +141,7 @@ def _page_file(out: Path, folder: str, quick: bool, words: Sequence[str]) -> Pat
         if quick and numbers.exists() and b'"quick": true' not in contents_of(numbers):
             raise ConfigError(f"out: {numbers} is of the full form: choose another name")
     if words and file.exists() and f"{shlex.join(words)} --out " not in file.read_text("utf-8"):
-        raise ConfigError(f"out: {file} holds other cases than the chosen ones: take another name")
+        raise ConfigError(f"out: {file} contains other cases than those: take another name")
     return file
 
 

@@ -63,14 +63,14 @@ def read_arguments(
 ) -> tuple[RunConfig, dict[str, Any]]:
     """Return the configuration in the arguments of `Simulation`, and classes and objects by name.
 
-    Raises ConfigError where an object is not of the requested kind, an argument belongs elsewhere,
+    Raises ConfigError if an object is not of the requested kind, an argument belongs elsewhere,
     or two arguments contradict each other.
     """
     from swe_sphere.solvers.preconditioners import Preconditioner
     from swe_sphere.steppers import Stepper
 
     for name in OF_ONE_RUN.keys() & values.keys():
-        raise ConfigError(f"{name} is no setting of a simulation: see {OF_ONE_RUN[name]}")
+        raise ConfigError(f"{name} is not a setting of a simulation: see {OF_ONE_RUN[name]}")
     for what, thing, kinds, choice in (
         ("scene", scene, Scene | str | Path, "a name, a file or a Scene"),
         ("mesh", mesh, Mesh | None, "a Mesh"),
@@ -106,7 +106,7 @@ def read_arguments(
     own = isinstance(scene, Scene)
     config = make_config(values | {"scene": scene.name if own else str(scene)})
     if own and config.settings_of(SCENE):
-        raise ConfigError("alpha and parameters are for a scene by name: this one is made already")
+        raise ConfigError("alpha and parameters are for a scene by name: this one is built already")
     return config, objects
 
 
@@ -173,7 +173,7 @@ def make_mesh(config: RunConfig, scene: Scene, made: Mesh | None = None) -> Mesh
         if made.radius != scene.planet.radius:
             raise ConfigError(
                 f"the mesh has a radius of {made.radius:.8g} m, and the planet of {scene.name} one"
-                f" of {scene.planet.radius:.8g} m: make it with radius={scene.planet.radius!r}"
+                f" of {scene.planet.radius:.8g} m: build it with radius={scene.planet.radius!r}"
             )
         return made
     centre = config.centre_lon, config.centre_lat
@@ -185,7 +185,7 @@ def make_mesh(config: RunConfig, scene: Scene, made: Mesh | None = None) -> Mesh
 def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:
     """Return all options of a stepper: as configured, and else their defaults.
 
-    Raises ConfigError where the stepper has no such option, or the value does not fit.
+    Raises ConfigError if the stepper has no such option, or the value does not fit.
     """
     known = inspect.signature(kind, eval_str=True).parameters
     # a default that depends on the scheme is an attribute of its class
@@ -276,7 +276,7 @@ class Initial:
     """A state from which a run begins.
 
     given: a file or a dataset of a run, or a function as `Scene.initial`.  day: time of the frame
-    [days], the last one for None.  Raises ConfigError where there is no such file or frame, or
+    [days], the last one for None.  Raises ConfigError if there is no such file or frame, or
     where the object is of another kind.
     """
 
@@ -314,7 +314,7 @@ class Initial:
         """Return the scene with this initial state, and without exact solutions.
 
         What is prescribed in time (wind, forcing) continues from the time of the frame.  A tracer
-        that the frame lacks begins as in the scene.  Raises ConfigError where the frame lacks depth
+        that the frame lacks begins as in the scene.  Raises ConfigError if the frame lacks depth
         or wind, or where a value is not finite.
         """
         changes: dict[str, Any] = {"exact": None, "exact_tracers": None}
@@ -339,7 +339,7 @@ class Initial:
         return replace(scene, **changes)
 
     def _state(self, moves: bool, lon: Array, lat: Array) -> tuple[Any, Any, Array]:
-        """Return u, v [m s-1] and h [m]; moves: False where the wind is prescribed."""
+        """Return u, v [m s-1] and h [m]; moves: False if the wind is prescribed."""
         u, v = self._at("wind", lon, lat) if moves else (0.0, 0.0)
         return u, v, self._at("h", lon, lat)
 

@@ -30,7 +30,7 @@ from swe_sphere.settings.values import (
 
 
 def or_auto(kind: Any, words: str) -> BeforeValidator:
-    """Return what reads "auto" or a value of that kind, also from text; words: for messages."""
+    """Return a reader of "auto" or a value of that kind, also from text; words: for messages."""
     adapter = TypeAdapter(kind, config=ConfigDict(allow_inf_nan=False))
 
     def read(value: object) -> object:
@@ -45,7 +45,7 @@ def or_auto(kind: Any, words: str) -> BeforeValidator:
 
 
 def _not_of(*kinds: type) -> BeforeValidator:
-    """Return what refuses values of some types, which pydantic would convert to numbers."""
+    """Return a check that rejects values of some types, which pydantic would convert to numbers."""
 
     def check(value: object) -> object:
         if isinstance(value, kinds):
@@ -69,7 +69,7 @@ def _nameable(path: Path) -> Path:
 
 
 def _names(value: object) -> object:
-    """A text "h,u,v" is a list of names."""
+    """Return a list of names from a text "h,u,v"."""
     return tuple(names_in(value)) if isinstance(value, str) else value
 
 
@@ -113,11 +113,11 @@ class SharedConfig(BaseModel):
 
 
 class RunConfig(SharedConfig):
-    """Everything `swe-sphere run` can be told; None means: as the scene recommends.
+    """All options of `swe-sphere run`; None stands for the scene's recommendation.
 
-    The names are those of the flags (and of the keys of a `--config` file), with `_` for `-`, but
-    for two that Python cannot call so: `settings` is `--set`, `as_json` is `--json`.
-    Whether scene, stepper, mesh and device exist is checked where they are made.
+    The names are those of the flags (and of the keys of a `--config` file), with `_` for `-`,
+    except for two that Python reserves: `settings` is `--set`, `as_json` is `--json`. Scene,
+    stepper, mesh and device are checked where they are built.
     """
 
     scene: str

@@ -100,13 +100,13 @@ class Snapshot:
     def diagnostics(self) -> Numbers:
         """Return all numbers: integrals, drifts, Courant numbers, errors, user-defined diagnostics.
 
-        Raises RunFailed where a user-defined diagnostic fails.
+        Raises RunFailed if a user-defined diagnostic fails.
         """
         return self._numbers | {k: float(x) for k, x in self.own.items() if x.ndim == 0}
 
     @property
     def own(self) -> Fields:
-        """Values of user-defined diagnostics by name, () or (N,); RunFailed where one fails.
+        """Values of user-defined diagnostics by name, () or (N,); RunFailed if one fails.
 
         A diagnostic that reads the whole state finds no diagnostics in it.
         """
@@ -123,7 +123,7 @@ class Snapshot:
 
     @property
     def own_fields(self) -> Fields:
-        """Fields (N,) of user-defined diagnostics; raises RunFailed where one fails."""
+        """Fields (N,) of user-defined diagnostics; raises RunFailed if one fails."""
         return {name: value for name, value in self.own.items() if value.ndim}
 
     def frame(self) -> Frame:
@@ -224,7 +224,7 @@ class Diagnostic:
     def value(self, sim: Any) -> Array:
         """Return the present number (), or field (N,), of a simulation.
 
-        Raises RunFailed where it is neither, or not of the kind that it was at first.
+        Raises RunFailed if it is neither, or not of the kind that it was at first.
         """
         what, size = f"the diagnostic {self.name}", sim.mesh.size
         value = called(what, lambda: _as_numbers(self.function(sim)))
@@ -307,7 +307,7 @@ def _is_taken(name: str) -> bool:
 
 
 def load_diagnostics(path: Path) -> None:
-    """Register the diagnostics that a Python file defines; ConfigError where it has none."""
+    """Register the diagnostics that a Python file defines; ConfigError if it has none."""
     before = dict(DIAGNOSTICS)
     load_file(path, "diagnostic")
     if before == DIAGNOSTICS:
@@ -315,7 +315,7 @@ def load_diagnostics(path: Path) -> None:
 
 
 def check_options(stepper: str, options: Iterable[str]) -> None:
-    """Raise ConfigError where an option of a stepper has the name of another value of files."""
+    """Raise ConfigError if an option of a stepper has the name of another value of files."""
     for name in options:
         if name in DIAGNOSTICS:
             raise ConfigError(

@@ -94,8 +94,8 @@ class Loop:
     def run(self) -> None:
         """Step to the end; the state is always that after a whole step.
 
-        Raises RunFailed where a stepper or an observer fails, or the time limit is reached, and
-        Interrupted where the user asked to stop.
+        Raises RunFailed if a stepper or an observer fails, or the time limit is reached, and
+        Interrupted if the user asked to stop.
         """
         while self.sim.steps < self.plan.steps:
             before = self.sim.steps

@@ -103,7 +103,7 @@ class HealthCheck(Observer):
         return bool(step % EVERY < self._sim.plan.cycle)
 
     def observe(self, snapshot: Snapshot) -> None:
-        """Raise Unstable, with what is wrong, when, and what to change, where the state is."""
+        """Raise Unstable if the state is, with the fault, its time, and what to change."""
         import warp as wp
 
         model, state, time = snapshot.model, snapshot.state, snapshot.time
@@ -153,7 +153,7 @@ SAMPLES = 200
 class Recorder(Observer):
     """Writes frames, series of diagnostics and checkpoints to the file of a simulation, on rank 0.
 
-    It begins with a frame.  Raises ConfigError where the file cannot be made or is of another run
+    It begins with a frame.  Raises ConfigError if the file cannot be made or is of another run
     than the one to continue, and RunFailed, also from the methods, where the disk refuses.
     """
 
@@ -177,7 +177,7 @@ class Recorder(Observer):
             self._writer = FrameWriter(*given)
             if continued and self._writer.run_id != sim.run_id:
                 self._writer.close()
-                raise ConfigError(f"out: {out} is of another run now: choose another name")
+                raise ConfigError(f"out: {out} now belongs to another run: choose another name")
             return str(self._writer.run_id)
 
         sim.run_id = sim.comm.on_root(open_file)
@@ -317,11 +317,11 @@ class Callback(Observer):
             raise ConfigError(f"a callback must be a function, got {self.function!r}")
 
     def check(self, plan: RunPlan) -> None:
-        """Raise ConfigError where a call is due in the middle of steps that are taken together."""
+        """Raise ConfigError if a call is due in the middle of steps that are taken together."""
         if self.steps > 1 and self.steps % plan.cycle:
             raise ConfigError(
-                f"every: {self.steps} steps are no multiple of the {plan.cycle} that are taken at"
-                " once (tracer-steps)"
+                f"every: {self.steps} steps are not a multiple of the {plan.cycle} taken at once"
+                " (tracer-steps)"
             )
 
     def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
@@ -342,10 +342,10 @@ PICTURES = 100
 
 
 def live_view(field: str, comm: Any) -> Callback:
-    """Return what draws a field in the terminal, each picture over the one before.
+    """Return a callback that draws a field in the terminal, each picture over the one before.
 
-    field: its name, or "auto" for what suits the scene.  Raises ConfigError for an unknown field,
-    and where rank 0 has no terminal with colours.
+    field: its name, or "auto" for the scene's default. Raises ConfigError for an unknown field, and
+    if rank 0 has no terminal with colours.
     """
     from swe_sphere.pictures.plot import LivePicture  # matplotlib takes its time to import
 
@@ -397,7 +397,7 @@ def every(
 def read_callbacks(callbacks: Iterable[Any]) -> list[Observer]:
     """Return the callbacks of a run as observers: a plain function is called after every step.
 
-    Raises ConfigError where one of them cannot be called, or they are no list.
+    Raises ConfigError if one of them cannot be called, or they are no list.
     """
     if not isinstance(callbacks, Iterable):
         raise ConfigError(f"callbacks: give a list of functions, got {callbacks!r}")

@@ -114,7 +114,7 @@ def time_plan(
     None: about a day.  dt: time step [s], which may be shortened a little.  also: further times [s]
     whose multiples fall on steps.  cycle: steps that are taken together; fewer: or fewer of them.
     automatic: whether dt may be shortened as much as frames and further times require.  The last
-    steps are shorter where the end is no multiple of the others.  Raises ConfigError where no step
+    steps are shorter where the end is no multiple of the others.  Raises ConfigError if no step
     fits.
     """
     if days == 0.0:
@@ -167,14 +167,14 @@ def continued_plan(
     """Return the plan of a run that continues with the steps of an earlier plan.
 
     The last step is shorter where the end is no multiple of the others.  days, every, also: as of
-    `time_plan`.  done: number of steps taken so far.  Raises ConfigError where the frames or the
+    `time_plan`.  done: number of steps taken so far.  Raises ConfigError if the frames or the
     further times are no whole number of steps, or where the run has already reached that length.
     """
     now, end, cycle, origin = plan.time(done), days * DAY, plan.cycle, plan.origin
     if end <= now + 1e-6:
         raise ConfigError(
-            f"the run stands at day {now / DAY:g} already: give more than days={days:g} (the length"
-            " counts from the very start)"
+            f"the run is already at day {now / DAY:g}: give more than days={days:g} (the length"
+            " counts from the initial state)"
         )
     long = cycle * plan.dt
     for seconds in also:
@@ -260,10 +260,10 @@ def _check_whole(name: str, length: float, dt: float, origin: float) -> None:
 def automatic_step(sim: Any, days: float) -> tuple[float, str]:
     """Return an automatic step [s], and its rule in words.
 
-    It is a safe part of the stability limit.  Where there is no limit, the fastest initial wind has
-    the advective Courant number of the stepper on the finest spacing of the mesh, in a step that is
-    at most the longest one of the stepper.  days: length of the run, which no step exceeds.  Raises
-    ConfigError where the stability limit is no positive number.
+    It is a safe fraction of the stability limit. Without a limit, the fastest initial wind has the
+    advective Courant number of the stepper on the finest spacing of the mesh, in a step that is at
+    most the longest one of the stepper. days: length of the run, which no step exceeds. Raises
+    ConfigError if the stability limit is not a positive number.
     """
     kind, limit = sim.kind, sim.stable_dt()
     fields = sim.model.fields(sim.model.initial_state(), 0.0)
@@ -316,7 +316,7 @@ def plan_run(sim: Any, also: Sequence[float] = ()) -> RunPlan:
 def tracer_cycle(sim: Any, dt: float) -> int:
     """Return the steps of dt [s] for one step of the tracers: as requested, or as many as may be.
 
-    Raises ConfigError where that is too many, or where tracers cannot have their own steps.
+    Raises ConfigError if that is too many, or where tracers cannot have their own steps.
     """
     from swe_sphere.steppers.tracer_steps import tracer_limit, why_not
 
@@ -341,7 +341,7 @@ def tracer_cycle(sim: Any, dt: float) -> int:
 def with_cycle(sim: Any, plan: RunPlan) -> RunPlan:
     """Return the same steps, as many of them together as the configuration requests or allows.
 
-    Raises ConfigError where the steps between frames are no multiple of a requested number.
+    Raises ConfigError if the steps between frames are no multiple of a requested number.
     """
     most, both = tracer_cycle(sim, plan.dt), math.gcd(plan.steps, plan.frame_steps)
     if sim.config.tracer_steps == "auto":

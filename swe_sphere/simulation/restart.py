@@ -62,7 +62,7 @@ def _is_restart(path: Path, config: RunConfig) -> bool:
 def check_paths(config: RunConfig) -> None:
     """Check, before anything is computed, that the files of a run can be written.
 
-    Raises ConfigError where a path is a folder, has no folder or cannot be written to, a picture
+    Raises ConfigError if a path is a folder, has no folder or cannot be written to, a picture
     has an unknown ending, or an existing file would be replaced without `overwrite`.
     """
     for name, path in (("out", config.out), ("plot", config.plot)):
@@ -88,7 +88,7 @@ def check_paths(config: RunConfig) -> None:
         raise ConfigError(f"plot: {config.plot} exists: choose another name{also}")
     out, initial = config.out, config.initial
     if out and initial and out.exists() and initial.exists() and out.samefile(initial):
-        raise ConfigError(f"out: {out} is the file that the run begins from: choose another name")
+        raise ConfigError(f"out: {out} is the file from which the run starts: choose another name")
     if out is None or config.overwrite or appends(config):
         return
     if out.exists():
@@ -98,7 +98,7 @@ def check_paths(config: RunConfig) -> None:
     checkpoint = checkpoint_path(out)
     if checkpoint.exists() and not _is_restart(checkpoint, config):
         raise ConfigError(
-            f"out: {checkpoint} is there already, without its frames: choose another name, or"
+            f"out: {checkpoint} exists already, without its frames: choose another name, or"
             " replace it with --overwrite"
         )
 
@@ -111,11 +111,11 @@ def _contents(out: Path) -> str:
         run = RunFile(out)
         scene, day = run.attributes["scene"], run.nearest(None) / DAY
     except (ConfigError, KeyError):
-        return "is there already and no whole file of a run: choose another name"
+        return "exists and is not a complete file of a run: choose another name"
     if run.attributes.get("completed"):
         return f"holds a finished run of {scene}: choose another name"
     return (
-        f"holds a run of {scene} that stopped at day {day:.4g}: go on with it"
+        f"holds a run of {scene} that stopped at day {day:.4g}: resume it"
         f" (--restart {out}), choose another name"
     )
 
@@ -147,7 +147,7 @@ class Restart:
             values = json.loads(str(self.attributes[name]))
             if isinstance(values, dict):
                 return values
-        raise ConfigError(f"{self.path} does not say its {name}: it cannot be restarted")
+        raise ConfigError(f"{self.path} does not state its {name}: it cannot be restarted")
 
     def adopt(self, config: RunConfig) -> RunConfig:
         """Return the configuration, with the values of the earlier run for what it leaves open."""
@@ -188,18 +188,17 @@ class Restart:
                 )
 
     def plan(self, asked: float | str) -> RunPlan:
-        """Return the steps so far; ConfigError where steps of another length [s] are asked for."""
+        """Return the steps so far; ConfigError if steps of another length [s] are asked for."""
         dt = float(self.attributes.get("dt", 0.0))
         if asked not in ("auto", dt, self.table().get("dt")) or not dt > 0.0:
             raise ConfigError(
-                f"dt={asked} s: a restarted run goes on with the step of its file, {dt:g} s;"
-                " leave dt out"
+                f"dt={asked} s: a restarted run keeps the step of its file, {dt:g} s; leave dt out"
             )
         cycle = int(self.attributes.get("steps_at_once", 1))
         return RunPlan(dt, self.steps, self.steps, dt, "that of the restart file", cycle)
 
     def load_into(self, stepper: Trajectory, before: int) -> None:
-        """Have a stepper resume from the arrays; ConfigError where they do not fit.
+        """Have a stepper resume from the arrays; ConfigError if they do not fit.
 
         before: number of steps that were taken with other steppers.
         """
@@ -225,7 +224,7 @@ class Restart:
             rows = [(int(steps), now, dt) for steps, now, dt in self.arrays[LENGTHS].tolist()]
             if rows and all(0 <= n <= self.steps and 0.0 < dt < math.inf for n, _, dt in rows):
                 return rows
-        raise ConfigError(f"{self.path} is damaged: it holds no lengths of steps")
+        raise ConfigError(f"{self.path} is damaged: it lacks the lengths of steps")
 
     @property
     def counts(self) -> dict[str, float]:
@@ -245,7 +244,7 @@ def read_restart(config: RunConfig) -> Restart | None:
 
 
 def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
-    """Return all that a run must share with another one to resume it."""
+    """Return all data that a run must share with another one to resume it."""
     from swe_sphere.steppers import get_stepper
 
     methods = {"stepper": config.stepper, "preconditioner": config.preconditioner}
@@ -273,7 +272,7 @@ def run_sources(
 
     Names of bases are relative to the file of the scene, so that the folder may be moved.  Files of
     data are those whose names are parameters of the scene; what a Python scene reads besides is not
-    known.  The result is empty for a scene of the package without data.  Raises ConfigError where a
+    known.  The result is empty for a scene of the package without data.  Raises ConfigError if a
     file has disappeared since it was loaded.
     """
     try:

@@ -234,7 +234,7 @@ class Simulation:
         mesh and the effects are those of the earlier run. trust: a list of the Python files that
         the checkpoint may name as scene, stepper or preconditioner; others are not executed.
 
-        Raises ConfigError where the file is missing, damaged, or of another run than requested.
+        Raises ConfigError if the file is missing, damaged, or of another run than requested.
         """
         resumed = Restart(Path(path))
         if scene is None:
@@ -275,7 +275,7 @@ class Simulation:
     def stable_dt(self) -> float:
         """Return the stability limit at the initial state [s], about; infinite if there is none.
 
-        Raises ConfigError where the stepper does not return a number.
+        Raises ConfigError if the stepper does not return a number.
         """
         if self._limit is None:
             counted = dict(self.model.counters)
@@ -300,7 +300,7 @@ class Simulation:
         """Plan the steps up to the end, and build the stepper unless it has taken some already.
 
         plan: the steps to take; by default those of the configuration.  also: further times [s]
-        whose multiples fall on steps.  Raises ConfigError where step, length, frames and further
+        whose multiples fall on steps.  Raises ConfigError if step, length, frames and further
         times do not fit together, or an option of the stepper has the name of a diagnostic.
         """
         check_options(self.kind.name, self.options)
@@ -386,7 +386,7 @@ class Simulation:
 
     @exclusive
     def step(self) -> None:
-        """Take one step; RunFailed where it cannot be taken."""
+        """Take one step; RunFailed if it cannot be taken."""
         self._begin_once()
         self.fit_step()
         self.stepper.step()
@@ -404,12 +404,12 @@ class Simulation:
         interruption: Interruption | None = None,
         since: float | None = None,
     ) -> Summary:
-        """Step to the end of the plan, or until something goes wrong; return how, without numbers.
+        """Step to the end of the plan, or until a failure; return how it ended, without numbers.
 
-        observers: see the states when they are due, and always the last one.  time_limit: wall time
-        [s] since a time of time.monotonic; where since is None, that of steps without compiling.
-        interruption: notes the signals of several simulations; it has Interrupted raised where the
-        user asked to stop.
+        observers: see the states when they are due, and always the last one. time_limit: wall time
+        [s] since a time of time.monotonic; if since is None, that of steps without compiling.
+        interruption: records the signals of several simulations; it raises Interrupted if the user
+        asked to stop.
         """
         self.outcome, noted = Summary("running"), interruption or Interruption()
         with ExitStack() as stack:  # each observer ends if it has begun
@@ -529,13 +529,13 @@ class Simulation:
         resumed, dt, limit = self._restart, self.plan.dt, self.stable_dt()
         if resumed is not None and resumed.attributes.get("code") != code_fingerprint():
             self.warn(
-                f"{resumed.path} was written by other code of swe_sphere: the run goes"
-                " on from it, but is not bit for bit the one that either code would have made alone"
+                f"{resumed.path} was written by other code of swe_sphere: the run resumes"
+                " from it, but its last bits are not those of a run by either code alone"
             )
         if dt > FAR * limit:
             self.warn(
                 f"dt = {dt:.6g} s is {dt / limit:.3g} times the stability limit of"
-                f" {self.config.stepper}, {limit:.4g} s: expect the run to blow up"
+                f" {self.config.stepper}, {limit:.4g} s: expect the run to become unstable"
             )
         if self.days * DAY > (growth := self.model.growth_time):
             self.warn(
@@ -577,7 +577,7 @@ class Simulation:
     def diagnostics(self) -> Numbers:
         """Return all numbers of the state: integrals, drifts, Courant numbers, errors, and others.
 
-        Raises RunFailed where a user-defined diagnostic fails.
+        Raises RunFailed if a user-defined diagnostic fails.
         """
         return self.snapshot.diagnostics
 
@@ -694,7 +694,7 @@ class Simulation:
         """Write all that `from_checkpoint` needs to resume from here bit for bit.
 
         An existing checkpoint is replaced, any other file is not.
-        Raises RunFailed where the disk refuses or the state is unstable, ConfigError for an
+        Raises RunFailed if the disk refuses or the state is unstable, ConfigError for an
         existing file of another kind.
         """
         from swe_sphere.io.checkpoint import Checkpoint, is_checkpoint, write_checkpoint
@@ -710,9 +710,7 @@ class Simulation:
         def write() -> None:
             with clear_errors(f"cannot write {path}", RunFailed):
                 if path.exists() and not is_checkpoint(path):
-                    raise ConfigError(
-                        f"{path} is there already, and no checkpoint: choose another name"
-                    )
+                    raise ConfigError(f"{path} exists and is not a checkpoint: choose another name")
                 write_checkpoint(path, checkpoint)
 
         self.comm.on_root(write)
@@ -721,7 +719,7 @@ class Simulation:
     def restart_arrays(self) -> Mapping[str, NDArray[np.generic]]:
         """Return the arrays of an exact restart, with the counters, which are carried along.
 
-        Raises Unstable where an array of the stepper is not finite: a restart would refuse it.
+        Raises Unstable if an array of the stepper is not finite: a restart would refuse it.
         """
         arrays = self.stepper.state_dict()
         for name, array in arrays.items():
@@ -770,7 +768,7 @@ def run(
 ) -> Summary:
     """Run a scene; the summary states how the run ended, also where it stopped early.
 
-    observers: watch the run.  warn: called with each warning.  Raises ConfigError where the scene
+    observers: watch the run.  warn: called with each warning.  Raises ConfigError if the scene
     cannot be run as requested.
     """
     started = time.perf_counter()

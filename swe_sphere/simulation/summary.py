@@ -48,7 +48,7 @@ class Summary(Mapping[str, Any]):
         return self.status in ("not begun", "completed", "timed-out", "interrupted")
 
     def __getitem__(self, name: str) -> Any:
-        """Return a value, None where it is missing or not finite; KeyError for an unknown name."""
+        """Return a value, None if it is missing or not finite; KeyError for an unknown name."""
         values = self.as_dict()
         if name not in values:
             raise KeyError(str(unknown_name("value of a summary", str(name), values)))

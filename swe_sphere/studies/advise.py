@@ -33,7 +33,7 @@ TIMED_STEPS = 8
 
 
 class Question(RunConfig):
-    """The run that advice is asked on, and its error."""
+    """The run to advise on, and its required error."""
 
     error: Annotated[Number, Field(gt=0.0, lt=1.0)]
     """Required time error at the end (l2, relative): of potential vorticity, or of depth where the
@@ -48,7 +48,7 @@ class Question(RunConfig):
 
 
 class Advice(NamedTuple):
-    """The answer: what was measured, and the run that is advised."""
+    """The answer: the measured steppers, and the advised run."""
 
     days: float
     """Length of the measured runs [days]."""
@@ -61,7 +61,7 @@ class Advice(NamedTuple):
 
     @property
     def command(self) -> str:
-        """The command of that run."""
+        """Command of that run."""
         words = ["swe-sphere", "run", self.config.scene]
         for name, value in self.config.given().items():
             for each in value if isinstance(value, tuple) else (value,):
@@ -73,11 +73,11 @@ class Advice(NamedTuple):
 def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
     """Search for the cheapest stepper and step with an error, over as many days as fit the budget.
 
-    Errors are taken to grow in proportion to the days.
+    The extrapolation assumes that errors grow in proportion to the days.
 
     Raises:
-        ConfigError: the scene cannot be made, the error is smaller than that of the reference run,
-            or no stepper is found that has the error.
+        ConfigError: the scene cannot be built, the error is smaller than that of the reference run,
+            or no stepper with the error is found.
         Interrupted: the user asked to stop.
     """
     from swe_sphere.studies.report import sweep_rankings  # matplotlib takes its time to import
@@ -120,7 +120,7 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
 
 
 def _seconds_a_day(space: Discretisation, common: dict[str, Any]) -> float:
-    """Time [s] that rk4 takes for a day with its longest step: CPU time, on a GPU wall time."""
+    """Return the time [s] of a day of rk4 with its longest step: CPU time, on a GPU wall time."""
     sim = space.simulation(make_config(common | {"stepper": "rk4"}))
     clock = time.process_time if sim.model.device == "cpu" else time.perf_counter
     times = []

@@ -75,9 +75,7 @@ def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], No
             member = member.model_copy(update=resumed)
     summary = run(member)
     if summary.status == "interrupted":
-        raise Interrupted(
-            f"seed {seed}: {summary.reason}; the same command goes on with the others"
-        )
+        raise Interrupted(f"seed {seed}: {summary.reason}; the same command runs the others")
     if not summary.completed:
         hint = "; the same command resumes it" if summary.status == "timed-out" else ""
         raise RunFailed(f"seed {seed}: {summary.reason}{hint}")

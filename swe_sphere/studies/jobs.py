@@ -49,7 +49,7 @@ def in_processes(
 
     Raises:
         Interrupted: the user asked to stop.
-        RunFailed: a process has died, or a task raised an unexpected exception.
+        RunFailed: a process died, or a task raised an unexpected exception.
         SweError: a task raised it.
     """
     if not tasks:
@@ -89,7 +89,7 @@ def _end_of(processes: Collection[BaseProcess]) -> str:
     code = min(codes - {-signal.SIGKILL} or codes, default=0)
     if code < 0:
         return f"was killed by {signal.Signals(-code).name}"
-    return f"ended with {code}" if code else "has died"
+    return f"ended with {code}" if code else "died"
 
 
 @contextmanager
@@ -128,6 +128,6 @@ def _do(task: object) -> Any:
 
 
 def _end_with_parent(alive: Connection) -> None:
-    """End this process when the other end of the pipe is closed or its process has died."""
+    """End this process when the other end of the pipe is closed or its process died."""
     alive.poll(None)
     os.kill(os.getpid(), signal.SIGKILL)

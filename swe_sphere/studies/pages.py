@@ -19,9 +19,9 @@ MARK = "<!-- made by swe-sphere sweep -->"
 
 
 def rendered(package: str, template: str, *filters: Callable[..., object], **values: object) -> str:
-    """A template of a study filled in.
+    """Return a filled-in template of a study.
 
-    package: of the study.  filters: known to the template by their names.
+    package: that of the study. filters: available to the template by their names.
     """
     made = _environment(package, template.endswith(".html.j2"))
     made.filters |= {each.__name__.lstrip("_"): each for each in filters}
@@ -29,7 +29,7 @@ def rendered(package: str, template: str, *filters: Callable[..., object], **val
 
 
 def prose(name: str, *values: object) -> str:
-    """A sentence: the macro of that name in the templates of all studies."""
+    """Return a sentence: the macro of that name in the templates of all studies."""
     sentences = _environment(__package__ or "", False).get_template("prose.j2").module
     return str(getattr(sentences, name)(*values)).strip()
 
@@ -53,10 +53,10 @@ def _environment(package: str, escape: bool) -> Environment:
     return made
 
 
-def check_ours(path: Path, *marks: str, flag: str = "out", what: str = "is of no sweep") -> None:
-    """Raise ConfigError where a file would be replaced that has none of the marks of its kind.
+def check_ours(path: Path, *marks: str, flag: str = "out", what: str = "is not of a sweep") -> None:
+    """Raise ConfigError if a file would be replaced that has none of the marks of its kind.
 
-    marks: By default `MARK`.  flag: The option of the file.  what: Says what the file is.
+    marks: by default `MARK`. flag: the option of the file. what: describes the file.
     """
     with clear_errors(f"cannot write to {path}"):
         old = contents_of(path) if path.exists() else None
@@ -68,8 +68,8 @@ def write_made(out: Path, files: Mapping[str, str]) -> None:
     """Write the pages of sweeps and their figures by name into a folder.
 
     Raises:
-        ConfigError: the folder cannot be made, or a file would be replaced that no sweep has made.
-        RunFailed: the disk does not take the files; each is the old one or the new one.
+        ConfigError: the folder cannot be created, or a file would be replaced that no sweep wrote.
+        RunFailed: the disk fails; each file is the old one or the new one.
     """
     with clear_errors(f"cannot write the report to {out}"):
         out.mkdir(parents=True, exist_ok=True)
@@ -81,10 +81,10 @@ def write_made(out: Path, files: Mapping[str, str]) -> None:
 
 
 def anchor(title: str) -> str:
-    """What a link within the page calls the section of that title."""
+    """Return the target of links within the page to the section of that title."""
     return "".join(c for c in title.lower().replace(" ", "-") if c.isalnum() or c == "-")
 
 
 def in_table(text: str) -> str:
-    """Text that does not end a cell of a Markdown table."""
+    """Return text that does not end a cell of a Markdown table."""
     return in_one_line(text).replace("|", "\\|")

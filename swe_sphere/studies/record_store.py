@@ -49,7 +49,7 @@ def stepped(
 ) -> Summary:
     """Step a simulation to its end, as its `advance` does; any error of a step ends it too.
 
-    Raises Interrupted where the user asked to stop.
+    Raises Interrupted if the user asked to stop.
     """
 
     def work() -> Summary:
@@ -62,12 +62,12 @@ def stepped(
 
 
 class Record(BaseModel):
-    """What is kept in a file of JSON; nothing is taken for what it is not, NaN is null."""
+    """Contents of a JSON file; values are not converted between types, and NaN is null."""
 
     model_config = ConfigDict(strict=True, frozen=True)
 
     def as_text(self) -> str:
-        """The contents of the file."""
+        """Return the contents of the file."""
         return self.model_dump_json(indent=1) + "\n"
 
 
@@ -75,10 +75,10 @@ R = TypeVar("R", bound=Record)
 
 
 class Store(Generic[R]):
-    """Records of one form in numbered files, in the order in which they were made.
+    """Records of one form in numbered files, in the order in which they were written.
 
-    A kill at any moment leaves all of them whole.  Raises ConfigError where a file is damaged.
-    suffix: of the names of new files, where several processes write records.
+    A kill at any time leaves all of them complete. Raises ConfigError if a file is damaged. suffix:
+    appended to the names of new files if several processes write records.
     """
 
     def __init__(self, folder: Path, form: type[R], suffix: str = "") -> None:
@@ -91,7 +91,7 @@ class Store(Generic[R]):
         """Write a record through to the disk, and return it as it will be read again.
 
         Raises:
-            RunFailed: the disk does not take it.
+            RunFailed: the disk fails.
         """
         text = record.as_text()
         write_whole(self.folder / f"{self._last + 1:06d}{self._suffix}.json", text)
@@ -102,10 +102,10 @@ class Store(Generic[R]):
 
     @contextmanager
     def unfinished(self) -> Iterator[None]:
-        """Hold the folder while a study goes on.
+        """Lock the folder during a study.
 
-        When the block ends well all has been written elsewhere, and the folder goes.  Raises
-        ConfigError where another process holds it.
+        When the block ends without an error, the folder is removed, as its contents are written
+        elsewhere. Raises ConfigError if another process holds it.
         """
         with locked(self.folder):
             try:
@@ -118,20 +118,20 @@ class Store(Generic[R]):
 
 
 def read_record(path: Path, form: type[R]) -> R:
-    """The record in a file; ConfigError, in one line, where there is none of that form."""
+    """Return the record in a file; ConfigError, in one line, if there is none of that form."""
     try:
         return form.model_validate_json(contents_of(path))
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from None
     except ValidationError as error:
         raise ConfigError(
-            f"{path} is no record of this version ({place_and_complaint(error)}): delete it, and"
+            f"{path} is not a record of this version ({place_and_complaint(error)}): delete it, and"
             " its run is made again, or choose another folder"
         ) from None
 
 
 def as_netcdf(dataset: xr.Dataset) -> bytes:
-    """The netCDF file of a dataset, made in memory: HDF5 does not survive a disk that fills up."""
+    """Return the netCDF file of a dataset, built in memory: HDF5 does not survive a full disk."""
     from netCDF4 import Dataset
     from xarray.backends import NetCDF4DataStore
 
@@ -142,22 +142,22 @@ def as_netcdf(dataset: xr.Dataset) -> bytes:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Make a folder and hold it within the block; however the process ends, the system lets it go.
+    """Create a folder and lock it within the block; the system releases it when the process ends.
 
-    Reading stays possible.  Where the file system has no locks, nothing is held.
+    Reading stays possible. On a file system without locks the function only creates the folder.
 
     Raises:
-        ConfigError: another process holds it, or it cannot be made.
+        ConfigError: another process holds the folder, or it cannot be created.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         file = os.open(folder, os.O_RDONLY)
     except OSError as error:
-        raise ConfigError(f"out: {folder} cannot be made: {error.strerror}") from None
+        raise ConfigError(f"out: {folder} cannot be created: {error.strerror}") from None
     try:
         if not take_lock(file):
             raise ConfigError(
-                f"out: another process is at work in {folder}: wait for its end, or choose another"
+                f"out: another process is using {folder}: wait for its end, or choose another"
                 " folder"
             )
         yield

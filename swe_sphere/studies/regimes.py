@@ -41,7 +41,7 @@ def best_steps(datasets: Mapping[str, Dataset], axis: str) -> pd.DataFrame:
         datasets: Of searches for errors.
         axis: ne, np, stretch, froude, or a setting such as "scene.speed".
 
-    Raises ConfigError where no timed run reaches a target, or a sweep has no such axis.
+    Raises ConfigError if no timed run reaches a target, or a sweep has no such axis.
     """
     found = [
         ranking.reached(i).assign(target=target)
@@ -55,7 +55,7 @@ def best_steps(datasets: Mapping[str, Dataset], axis: str) -> pd.DataFrame:
     of_settings = runs["settings"].str.extract(rf"(?:^| ){re.escape(axis)}=(\S+)")[0]
     runs["x"] = pd.to_numeric(runs.get(axis, of_settings), errors="coerce")
     for name in runs.loc[runs["x"].isna(), "scene"]:
-        raise ConfigError(f"map: a sweep of {name} has no number {axis}")
+        raise ConfigError(f"map: a sweep of {name} has no axis {axis}")
     runs["series"] = [_series(run, axis) for run in runs.to_dict("records")]
     runs["family"] = [STEPPERS[name].family if name in STEPPERS else "" for name in runs["stepper"]]
     place = ["series", "x", "target"]

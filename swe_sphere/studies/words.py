@@ -6,7 +6,7 @@ NOTHING = "–"
 
 
 def number(value: float, digits: int = 3, unit: str = "") -> str:
-    """A number with a few significant digits, without an exponent where it can be read so."""
+    """Return a number with some significant digits, without an exponent if it stays readable."""
     if not math.isfinite(value):
         return NOTHING
     if value == 0.0 or 1e-3 <= abs(value) < 1e6:
@@ -16,7 +16,7 @@ def number(value: float, digits: int = 3, unit: str = "") -> str:
 
 
 def error(value: float, places: int = 1) -> str:
-    """A number with an exponent: 3.4e-5."""
+    """Return a number with an exponent: 3.4e-5."""
     if not math.isfinite(value):
         return NOTHING
     if value == 0.0:
@@ -27,7 +27,7 @@ def error(value: float, places: int = 1) -> str:
 
 
 def level(value: float) -> str:
-    """An error that is asked for, with up to three digits: 1e-3, 2.5e-4."""
+    """Return a target error with up to three digits: 1e-3, 2.5e-4."""
     return error(value, next((n for n in range(2) if float(f"{value:.{n}e}") == value), 2))
 
 
@@ -37,20 +37,20 @@ def step(value: float) -> str:
 
 
 def seconds(value: float) -> str:
-    """A duration that was measured: two or three digits."""
+    """Return a measured duration with two or three digits."""
     return number(value, 2 if value < 10.0 else 3, " s")
 
 
 def times(value: float) -> str:
-    """A multiple: 29×."""
+    """Return a multiple: 29×."""
     return number(value, 2, "×")
 
 
 def percent(value: float) -> str:
-    """A part of one in percent, two digits."""
+    """Return a fraction of one in percent, two digits."""
     return number(100.0 * value, 2, " %")
 
 
 def count(value: float) -> str:
-    """A whole number."""
+    """Return a whole number."""
     return f"{value:.0f}" if math.isfinite(value) else NOTHING

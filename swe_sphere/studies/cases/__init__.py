@@ -35,7 +35,7 @@ def verify(
 
     Raises:
         ConfigError: an unknown scene, case or shape, or nothing of them is in the quick form.
-        RunFailed: one of several processes has died.
+        RunFailed: one of several processes died.
         KeyboardInterrupt: on Ctrl-C.
     """
     refuse_ranks()

@@ -56,7 +56,7 @@ class Check:
 
     @property
     def holds(self) -> bool:
-        """Whether the number is within its limits; NaN is not."""
+        """True if the number is within its limits; False for NaN."""
         return self.low <= self.obtained <= self.high
 
     @property
@@ -78,7 +78,7 @@ class Check:
 
     @property
     def limits(self) -> str:
-        """The limits in words."""
+        """Limits in words."""
         if math.isinf(self.high):
             return f"{self.quantity} ≥ {self.low:g}"
         low = "" if math.isinf(self.low) else f"{self.low:g} ≤ "
@@ -164,7 +164,7 @@ class Case(BaseModel):
 
     @property
     def is_timed(self) -> bool:
-        """Whether there are bounds on its times, so that it has to run alone."""
+        """True if there are bounds on its times, so that it must run alone."""
         return any("seconds" in check.quantity for check in self.checks)
 
     @property
@@ -320,7 +320,7 @@ def choose(
     if quick:
         cases = [case.changed(**case.quickly) for case in cases if case.is_quick]
     if not cases:
-        raise ConfigError("no case is left: choose other names or steppers, or leave out --quick")
+        raise ConfigError("no case remains: choose other names or steppers, or leave out --quick")
     if launch is not None:
         cases = [case.changed(run={"launch": launch}) for case in cases]
         cases[0].configured()  # an unknown shape ends here

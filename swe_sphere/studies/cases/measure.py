@@ -117,11 +117,11 @@ def _begun(run: RunConfig) -> Simulation:
 
 @lru_cache(maxsize=1)
 def _completed(run: RunConfig) -> Simulation:
-    """Return a run that all cases of a name are compared with; RunFailed where it fails."""
+    """Return a run that all cases of a name are compared with; RunFailed if it fails."""
     sim = _begun(run)
     ended = stepped(sim)
     if not ended.completed:
-        raise RunFailed(f"the run to compare with was {ended.status}: {ended.reason}")
+        raise RunFailed(f"the run for comparison was {ended.status}: {ended.reason}")
     return sim
 
 
@@ -195,7 +195,7 @@ class Series(Observer):
     """The samples."""
 
     def due(self, step: int) -> bool:
-        """Whether the step is sampled."""
+        """Return whether the step is sampled."""
         return step % self.plan.interval(SAMPLES) == 0
 
     def observe(self, snapshot: Snapshot) -> None:
@@ -276,7 +276,7 @@ SYMMETRIES = {"off_wave": off_wave, "off_mirror": off_mirror}
 
 @lru_cache(maxsize=2)
 def _images(mesh: Mesh, matrix: tuple[tuple[float, ...], ...]) -> NDArray[np.intp]:
-    """Return for each node the one that it is mapped to; ValueError where there is none."""
+    """Return for each node the one that it is mapped to; ValueError if there is none."""
     apart, found = KDTree(mesh.xyz).query(mesh.xyz @ np.array(matrix).T)
     if apart.max() > 1e-9:
         raise ValueError("the mesh does not have this symmetry: leave out stretch, centre and spin")

@@ -94,7 +94,7 @@ class Row:
         if status != "completed" and not stopped:
             return "failed", [f"{status}: {reason}"]
         if not stopped and expect == "refuse":
-            return "failed", ["it was to be refused, but ran to its end"]
+            return "failed", ["it should have been refused, but ran to its end"]
         counted = (check for check in self.checks if check.always or not stopped)
         reasons = [str(check) for check in counted if not check.holds]
         if reasons or (stopped and expect == "pass"):
@@ -113,7 +113,7 @@ class Row:
 
     @property
     def passed(self) -> bool:
-        """Whether the run got to its end within all its bounds."""
+        """True if the run reached its end within all its bounds."""
         return self.outcome == "passed"
 
     def as_dict(self) -> dict[str, object]:

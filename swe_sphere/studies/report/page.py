@@ -77,10 +77,10 @@ class Section:
 
 
 def sweep_rankings(datasets: Dataset | Mapping[str, Dataset]) -> list[Ranking]:
-    """Return the ranking to go by for each mesh of sweeps: its headline and its table.
+    """Return the decisive ranking for each mesh of sweeps: its headline and its table.
 
-    It is by the error that was searched for, or by the one that tells most.  Raises ConfigError if
-    a dataset is not one of a sweep.
+    It is by the error of the search, or by the one that distinguishes steppers best. Raises
+    ConfigError if a dataset is not one of a sweep.
     """
     return [ranking for section in read_sections(datasets) for ranking in section.rankings[:1]]
 

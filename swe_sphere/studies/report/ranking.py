@@ -49,7 +49,7 @@ BEST, TIE = "★ ", "≈ "
 
 @dataclass(frozen=True)
 class Metric:
-    """One of the errors of a run; the name of its column."""
+    """One of the errors of a run, which names its column."""
 
     kind: str
     """time: against a converged run of the same mesh; total: against the exact solution or a
@@ -83,12 +83,12 @@ class Metric:
 
 
 def read_runs(dataset: Dataset) -> pd.DataFrame:
-    """Variables and errors of each run, numbered from 1; columns of errors are a `Metric` each.
+    """Return variables and errors of each run, numbered from 1; an error's column is a `Metric`.
 
-    Further columns: cost: time that runs are ranked by [s], NaN where none was taken; least, most:
-    the shortest and the longest time that cannot be told from it; compared: whether a run reached
-    its end and stands for a setting one could choose; ended: how it ended, in words; curve, line:
-    label and style of the curve it belongs to; multiples of limits, and counts a step.
+    Further columns: cost: time that runs are ranked by [s], NaN if none was measured; least, most:
+    the shortest and the longest time that cannot be distinguished from it; compared: whether a run
+    reached its end and stands for a setting that a user could choose; ended: how it ended, in
+    words; curve, line: label and style of its curve; multiples of limits, and counts per step.
 
     Raises ConfigError if the dataset is not one of a sweep.
     """
@@ -108,7 +108,7 @@ def read_runs(dataset: Dataset) -> pd.DataFrame:
 
 
 def _derived(runs: pd.DataFrame) -> dict[str, Any]:
-    """Columns that follow from the variables of a dataset."""
+    """Return columns that follow from the variables of a dataset."""
     on_cpu = runs["device"] == "cpu"
     cost = runs["cpu_seconds"].where(on_cpu, runs["wall_seconds"])
     spread = runs["spread"].where(np.isfinite(runs["spread"]))
@@ -160,25 +160,25 @@ def metrics(runs: pd.DataFrame) -> list[Metric]:
 
 
 def candidates(runs: pd.DataFrame, metric: Metric) -> pd.DataFrame:
-    """Runs that may be compared: completed, meant as a setting, with an error."""
+    """Return comparable runs: completed, of a setting, with an error."""
     return runs[runs["compared"] & runs[metric].notna()]
 
 
 def with_cost(runs: pd.DataFrame, metric: Metric) -> pd.DataFrame:
-    """Runs that may be compared, and that have a cost."""
+    """Return comparable runs that have a cost."""
     found = candidates(runs, metric)
     return found[found["cost"].between(0.0, math.inf, inclusive="neither")]
 
 
 def smallest(runs: pd.DataFrame, metric: Metric) -> pd.DataFrame:
-    """The run of each curve with the smallest error, by rising error and cost."""
+    """Return the run of each curve with the smallest error, by rising error and cost."""
     return candidates(runs, metric).sort_values([metric, "cost"]).drop_duplicates("curve")
 
 
 def cheapest(runs: pd.DataFrame, metric: Metric, target: float) -> pd.DataFrame:
-    """The cheapest run of each curve within the target error, by rising cost.
+    """Return the cheapest run of each curve within the target error, by rising cost.
 
-    Of a curve without timed runs the longest step; such curves come last.
+    A curve without timed runs contributes its longest step; such curves come last.
     """
     good = candidates(runs, metric)
     good = good[good[metric] <= target].sort_values("dt", ascending=False, kind="stable")
@@ -186,10 +186,10 @@ def cheapest(runs: pd.DataFrame, metric: Metric, target: float) -> pd.DataFrame:
 
 
 def targets(best: Iterable[float], resolved: float = 0.0) -> list[float]:
-    """Round errors, falling: from one that all of these reach to the smallest that one does.
+    """Return round errors, falling: from one that all of these reach to the smallest that one does.
 
-    Powers of ten, and three times these where that makes no more than MOST_TARGETS; of too many
-    the smallest are left out.  resolved: errors below are not known well enough to be targets.
+    They are powers of ten, and three times these if that gives at most MOST_TARGETS; of too many
+    the smallest are omitted. resolved: smaller errors are too uncertain to be targets.
     """
     best = [error for error in best if error > 0.0]
     if not best:
@@ -207,7 +207,7 @@ def targets(best: Iterable[float], resolved: float = 0.0) -> list[float]:
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """Which stepper reaches which error at which cost, on one mesh."""
+    """Costs at which steppers reach errors on one mesh."""
 
     where: str
     """For example "williamson5, ne16 np4"."""
@@ -223,12 +223,12 @@ class Ranking:
     """What to keep in mind."""
 
     def reached(self, target: int) -> pd.DataFrame:
-        """The cheapest timed run of each curve for a target, by rising cost."""
+        """Return the cheapest timed run of each curve for a target, by rising cost."""
         found = self.runs.loc[self.table[target][self.table[target] > 0]]
         return found[found["timed"]].sort_values("cost", kind="stable")
 
     def winners(self, target: int) -> pd.DataFrame:
-        """The cheapest run for a target, and those whose costs cannot be distinguished from it."""
+        """Cheapest run for a target, and those whose costs cannot be distinguished from it."""
         found = self.reached(target)
         return found[found["least"] <= found["most"].head(1).max()]
 
@@ -246,12 +246,12 @@ class Ranking:
 
     @property
     def heads(self) -> list[str]:
-        """Of the table."""
+        """Headings of the table."""
         return ["stepper", *(f"≤ {words.level(t)}" for t in self.targets), "smallest error"]
 
     @cached_property
     def body(self) -> list[list[str]]:
-        """The lines of the table: names, then step, cost and error, marked where the cheapest."""
+        """Lines of the table: names, then step, cost and error, with a mark on the cheapest."""
         best = [self.winners(i)["number"].tolist() for i in range(len(self.targets))]
         return [
             [str(curve), *map(self._cell, numbers, [*best, []])]
@@ -273,7 +273,7 @@ class Ranking:
 
     @property
     def caption(self) -> str:
-        """How the table is to be read."""
+        """Explanation of the table."""
         return prose("caption", self, BEST, TIE)
 
 
@@ -281,10 +281,10 @@ def rankings(
     runs: pd.DataFrame, found: Sequence[Metric], where: str, own: float = math.nan,
     levels: Sequence[float] = (),
 ) -> list[Ranking]:  # fmt: skip
-    """A ranking for each kind of error: the first is the one to go by.
+    """Return a ranking for each kind of error: the first is the decisive one.
 
-    runs: of one mesh.  where: name of scene and mesh.  own: error in time of the converged run;
-    smaller targets are left out.  levels: the targets; none: round ones that steppers reach.
+    runs: of one mesh. where: name of scene and mesh. own: error in time of the converged run;
+    smaller targets are omitted. levels: the targets; none: round ones that steppers reach.
     """
     by_name, made = {(metric.kind, metric.field): metric for metric in found}, []
     for kind, order in ANSWERED.items():

@@ -65,13 +65,13 @@ def sweep(
     watcher: SweepWatcher | None = None,
     **options: object,
 ) -> xr.Dataset:
-    """Run steppers over a range of steps on a scene, and return what came of it.
+    """Run steppers over a range of steps on a scene, and return the results.
 
     Args:
         scene: name of a scene, path of a file that defines one, or a `Scene`.
         steppers: names, paths of files, or classes, in a list; names also separated by commas.
         out: folder that keeps the runs, so that a sweep can be stopped and extended; None: none.
-        watcher: told how it goes.
+        watcher: receives the progress.
         options: those of `SweepPlan`: dt [s], ne, np, days, repeats, ...
 
     Numbers registered with `diagnostic` become variables of the dataset.
@@ -80,8 +80,8 @@ def sweep(
         The dataset of `build_dataset`, a row for each setting.
 
     Raises:
-        ConfigError: the sweep cannot be made as asked for.
-        KeyboardInterrupt: on Ctrl-C; what is finished stays in `out`.
+        ConfigError: the sweep cannot be run as requested.
+        KeyboardInterrupt: on Ctrl-C; finished runs stay in `out`.
 
     Examples:
         >>> from swe_sphere import sweep
@@ -131,10 +131,10 @@ def run_plan(
 
 
 class Sweep:
-    """Carries out a plan in a folder; what the folder holds already is not made again.
+    """Carries out a plan in a folder without repeating the runs in it.
 
-    beside: whether other processes are at work in the folder too.  Raises ConfigError for a plan
-    that cannot be carried out, or a folder of another scene.
+    beside: True if other processes work in the folder too. Raises ConfigError for a plan that
+    cannot be carried out, or a folder of another scene.
     """
 
     def __init__(
@@ -158,11 +158,11 @@ class Sweep:
         self._everyone = study.integrators()
 
     def run(self) -> None:
-        """Make all runs that are still missing.
+        """Run all missing runs.
 
         Raises:
             Interrupted: the user asked to stop; all finished runs are kept.
-            RunFailed: the disk does not take the results.
+            RunFailed: the disk fails.
         """
         plan = self._plan
         with self._runner.interruption:
@@ -185,7 +185,7 @@ class Sweep:
     # --- in processes beside each other
 
     def _parts(self) -> list[Part]:
-        """All parts; the shortest steps come first, so that nobody is left with them at the end."""
+        """Return all parts; the shortest steps come first, so that they do not delay the end."""
         everyone, search = [*enumerate(self._everyone)], self._plan.target_error
         whole: list[Part] = [(n, None) for n, _ in everyone if search or self._plan.find_limit]
         if search:
@@ -194,7 +194,7 @@ class Sweep:
         return [*sorted(places, key=itemgetter(1), reverse=True), *whole]
 
     def make(self, part: Part) -> None:
-        """Make a part of all runs."""
+        """Run a part of all runs."""
         number, place = part
         integrator = self._everyone[number]
         if place is not None:
@@ -208,7 +208,7 @@ class Sweep:
     # --- grid
 
     def _grid(self, grids: list[list[RunSpec]]) -> None:
-        """Round the integrators: first the longest step of each, then the next."""
+        """Run the longest step of each integrator first, then the next of each, and so on."""
         runs = [run for each in zip_longest(*grids) for run in each if run]
         self._watcher.expect(len(runs))
         for run in runs:
@@ -216,7 +216,7 @@ class Sweep:
         self._time(runs)
 
     def _time(self, runs: list[RunSpec]) -> None:
-        """Rounds through all runs, so that a busy moment of the machine meets many of them.
+        """Repeat all runs in rounds, so that a busy phase of the machine affects many of them.
 
         Each completed run is repeated until its shortest times agree.
         """
@@ -226,7 +226,7 @@ class Sweep:
                 self._runner.run(run, repeat=len(self._runner.repeats(run)))
 
     def _wants_repeat(self, run: RunSpec) -> bool:
-        """Whether the shortest time of a run is not yet known to AGREE."""
+        """Return whether the shortest time of a run is not yet known to AGREE."""
         first, wanted = self._runner.known(run), self._plan.repeats
         if self._plan.jobs > 1 or first is None or first.status != "completed":
             return False
@@ -283,15 +283,15 @@ class Sweep:
 
     @property
     def _left(self) -> float:
-        """Wall time of steps that is left of the budget [s]."""
+        """Return the remaining wall time of steps in the budget [s]."""
         return math.inf if self._plan.budget is None else self._plan.budget - self._runner.spent
 
     def _longest_accurate(
         self, integrator: Integrator, target: float, tried: dict[RunSpec, RunRecord], end: float
     ) -> str:
-        """Search along the step until so much time is spent [s]; the runs are left in `tried`.
+        """Search along the step until the time `end` [s] is spent; the runs are left in `tried`.
 
-        Returns why no step has the error, in words; empty where one has.
+        Returns why no step has the error, in words; empty if one has.
         """
         if integrator.refusal is not None:
             return integrator.refusal
@@ -301,7 +301,7 @@ class Sweep:
             left = min(end - self._runner.spent, self._plan.time_limit or math.inf)
             if run not in tried:
                 if left <= 0.0:
-                    raise NoStepError(f"no step is good enough within its share of {budget}")
+                    raise NoStepError(f"no step is accurate enough within its share of {budget}")
                 self._watcher.expect(1)
             self._runner.time_limit = left if math.isfinite(left) else None
             tried[run] = self._runner.run(run, self._evaluator)
@@ -318,7 +318,7 @@ class Sweep:
         return ""
 
     def _error(self, record: RunRecord) -> float:
-        """The error at the end of a run that the plan's target speaks of; infinite if it failed."""
+        """Error at the end of a run for the plan's target; infinite if the run failed."""
         plan = self._plan
         field = "vorticity" if plan.target_kind == "slow" else plan.target_field
         found: dict[str, float | None] = {
@@ -332,5 +332,5 @@ class Sweep:
 
 
 def making_parts(plan: SweepPlan, folder: Path) -> Callable[[Part], None]:
-    """Get a process beside others ready to make parts of a sweep."""
+    """Prepare a process beside others to run parts of a sweep."""
     return Sweep(plan, folder, SweepWatcher(), beside=True).make

@@ -27,7 +27,7 @@ from swe_sphere.studies.sweep.runs import Role
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
 HEADER, RUNS, DATASET = "sweep.json", "runs", "sweep.nc"
-"""Names of the file that says what was asked for, of the folder of the runs, of the dataset."""
+"""Names of the file with the request, of the folder of the runs, of the dataset."""
 
 KINDS = ("time", "total", "slow")
 FIELDS = ("h", "v", "vorticity")
@@ -95,13 +95,13 @@ class RunRecord(Record):
 
     @property
     def seconds(self) -> float:
-        """CPU time of its steps, on a GPU wall time [s]; NaN where other runs were beside it."""
+        """CPU time of its steps, on a GPU wall time [s]; NaN if other runs were beside it."""
         seconds = self.numbers.get(CLOCKS[self.config.device != "cpu"])
         return math.nan if seconds is None else seconds
 
 
 class Header(Record):
-    """What was asked for last."""
+    """The last request of a folder."""
 
     scene: str
     title: str
@@ -114,33 +114,33 @@ class Header(Record):
 
 
 def read_header(folder: Path) -> Header | None:
-    """What was asked for last in a folder; None where nothing was."""
+    """Return the last request in a folder; None if there is none."""
     path = folder / HEADER
     return read_record(path, Header) if path.exists() else None
 
 
 def runs_of(folder: Path, suffix: str = "") -> Store[RunRecord]:
-    """The runs in a folder of a sweep; suffix: of the names of new files."""
+    """Return the runs in a folder of a sweep; suffix: appended to the names of new files."""
     return Store(folder / RUNS, RunRecord, suffix)
 
 
 def current(runs: Iterable[RunRecord], sources: Mapping[str, str]) -> list[RunRecord]:
-    """The runs that are not made of anything that has changed."""
+    """Return the runs whose sources have not changed."""
     return [run for run in runs if not _changed(run.sources, sources)]
 
 
 def _changed(of: Mapping[str, str], sources: Mapping[str, str]) -> list[str]:
-    """What of some sources is not any more what it was; what only one of both has is left out."""
+    """Return the names of sources that have changed; sources of only one side are ignored."""
     return [name for name in sources if of.get(name, sources[name]) != sources[name]]
 
 
 def note_plan(
     folder: Path, runs: list[RunRecord], plan: SweepPlan, scene: Scene, sources: dict[str, str]
 ) -> str:
-    """Write down what is asked for; returns what the user should know of the runs there.
+    """Write down the request; return a note on the existing runs.
 
-    Namely how many are left out, as something they are made of has changed since the last sweep;
-    empty where nothing has.  Raises ConfigError where the folder is of another scene or no sweep.
+    The note states how many runs are ignored, because a source has changed since the last sweep; it
+    is empty otherwise. Raises ConfigError if the folder is of another scene or not of a sweep.
     """
     last = read_header(folder)
     if last is not None and last.scene != scene.name:
@@ -149,7 +149,7 @@ def note_plan(
         )
     if last is None and not runs and (folder / DATASET).exists():
         raise ConfigError(
-            f"out: {folder / DATASET} is of no sweep, and would be replaced: choose another folder"
+            f"out: {folder / DATASET} is not of a sweep, and would be replaced: move it away"
         )
     now = Header(
         scene=scene.name, title=scene.title, sources=sources,
@@ -164,8 +164,8 @@ def note_plan(
     if not changed or not stale:
         return ""
     return (
-        f"{folder}: {stale} of {len(runs)} runs there are left out, and made again where they are"
-        f" asked for: {' and '.join(changed)} changed since"
+        f"{folder}: {stale} of {len(runs)} runs there are ignored, and repeated if needed:"
+        f" {' and '.join(changed)} changed since"
     )
 
 
@@ -173,10 +173,10 @@ def note_plan(
 
 
 def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
-    """The dataset of a sweep; rows in the order in which they were run.
+    """Return the dataset of a sweep; rows in the order in which they were run.
 
-    Only runs of the sources that the sweep had last are in it: others cannot be compared with them.
-    dims: run, kind, field, norm, report_day [days], repeat.  There must be a run.
+    It contains only runs of the sweep's last sources: others are not comparable. dims: run, kind,
+    field, norm, report_day [days], repeat. There must be a run.
     """
     records = current(records, header.sources)
     last = {(record.key, record.repeat): record for record in records}
@@ -208,17 +208,17 @@ def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
 
 
 def write_dataset(folder: Path) -> xr.Dataset:
-    """Build the dataset of a folder's records and write it to sweep.nc, whole or not at all.
+    """Build the dataset of a folder's records and write it to sweep.nc, completely or not at all.
 
     Raises:
         ConfigError: there is no run in the folder, or a record is damaged.
-        RunFailed: the disk does not take the file.
+        RunFailed: the disk fails.
     """
     header, records = read_header(folder), runs_of(folder).records
     if header is None and records:
         raise ConfigError(
-            f"{folder}: there is no {HEADER} that says what was asked for: give the command of the"
-            " sweep again, without report-only"
+            f"{folder}: there is no {HEADER} that states the request: give the command of the sweep"
+            " again, without report-only"
         )
     if header is None or not current(records, header.sources):
         raise ConfigError(f"{folder}: there are no runs in this sweep yet")
@@ -228,7 +228,7 @@ def write_dataset(folder: Path) -> xr.Dataset:
 
 
 def _row(run: RunRecord, scene: str) -> dict[str, Any]:
-    """A line of the table of records."""
+    """Return a line of the table of records."""
     config = run.config
     return {
         **dict.fromkeys((*UNITS, *CLOCKS)), **run.numbers,
@@ -255,9 +255,9 @@ def _errors(runs: list[RunRecord]) -> xr.DataArray:
 
 
 def _converged(records: list[RunRecord]) -> tuple[float, float]:
-    """Step of the time-converged run, and its own error in time (l2 of h at the end).
+    """Return the step of the time-converged run, and its own error in time (l2 of h at the end).
 
-    Where there are several meshes: of the one with the largest error.
+    With several meshes it is that of the one with the largest error.
     """
     finest: dict[tuple[object, ...], tuple[float, float]] = {}
     for run in records:

@@ -83,7 +83,7 @@ class SweepWatcher:
         self._bar.set_postfix_str(f"{self._label}, step {step} of {self._steps}")
 
     def done(self) -> None:
-        """Move the bar: a run is finished, or was known."""
+        """Advance the bar: a run is finished, or was known."""
         self._bar.update()
 
     def note(self, text: str) -> None:
@@ -100,7 +100,7 @@ class Snapshots(Observer):
         self.kept: History = {}
 
     def due(self, step: int) -> bool:
-        """At the report days."""
+        """Return whether errors are taken after that step."""
         return step in self._days
 
     def observe(self, snapshot: Snapshot) -> None:
@@ -113,10 +113,10 @@ class Snapshots(Observer):
 def execute(
     spec: RunSpec, interruption: Interruption, time_limit: float | None, tick: Callable[[int], None]
 ) -> tuple[Summary, History]:
-    """Run to the end, or to where it fails; the steps alone are on the clock.
+    """Run to the end or to a failure, timing only the steps.
 
-    Returns how it ended, with costs and, if it was completed, drifts and the user's own
-    diagnostics; and the fields at the report days that were reached.
+    Returns how it ended, with costs and, if it completed, drifts and user-defined diagnostics; and
+    the fields at the report days that were reached.
 
     Raises:
         Interrupted: the user asked to stop.
@@ -149,7 +149,7 @@ def execute(
 def perturbed(
     spec: RunSpec, sim: Simulation, interruption: Interruption, time_limit: float | None
 ) -> Summary:
-    """Repeat a run from its initial state with noise; it is unstable where the noise grows.
+    """Repeat a run from its initial state with noise; it is unstable if the noise grows.
 
     sim: the run, at its end.
     """
@@ -175,9 +175,9 @@ def perturbed(
 
 
 def warm_up(spec: RunSpec) -> float:
-    """Take a few steps, so that kernels are compiled and caches filled; seconds of compiling.
+    """Take some steps to compile kernels and fill caches; return the seconds of compiling.
 
-    What fails here fails again in the run, where it is told.
+    Errors here recur in the run, which reports them.
     """
     with suppress(SweError, *BREAKDOWNS), np.errstate(all="ignore"):
         sim = _begun(spec)
@@ -197,10 +197,10 @@ def _begun(spec: RunSpec) -> Simulation:
 
 
 class Runner:
-    """Makes runs; every one ends as a record in the store before the next begins.
+    """Runs the runs; each one ends as a record in the store before the next begins.
 
-    sources: of what all runs are made; records of others are not known here.  time_limit: wall time
-    of the steps of a run [s].  jobs: how many processes are at work beside each other.
+    sources: those of all runs; records of other sources are ignored. time_limit: wall time of the
+    steps of a run [s]. jobs: number of processes at work beside each other.
     """
 
     def __init__(
@@ -220,15 +220,15 @@ class Runner:
         """Wall time of the steps of all runs made here [s]."""
 
     def read(self, store: Store[RunRecord]) -> None:
-        """Take the runs of a store for known, and keep new ones there."""
+        """Read the runs of a store as known ones, and keep new ones there."""
         self._store = store
         runs = current(store.records, self._sources)
         self._known = {(run.key, run.repeat): run for run in runs}
 
     def known(self, spec: RunSpec, repeat: int = 0) -> RunRecord | None:
-        """The record of a run that need not be made again.
+        """Return the record of a run that need not be repeated, or None.
 
-        One that ran out of time counts only if it would again.
+        A run that ran out of time counts only if it would do so again.
         """
         record = self._known.get((spec.key, repeat))
         if record is None or record.status != "timed-out":
@@ -237,7 +237,7 @@ class Runner:
         return record if has is not None and had is not None and has <= had else None
 
     def repeats(self, spec: RunSpec) -> list[RunRecord]:
-        """The records of a run."""
+        """Return the records of a run."""
         return [run for (key, _), run in self._known.items() if key == spec.key]
 
     def run(
@@ -246,9 +246,9 @@ class Runner:
         evaluate: Callable[[Discretisation, History], list[Errors]] | None = None,
         repeat: int = 0,
     ) -> RunRecord:
-        """The record of a run: the known one, or that of a new run.
+        """Return the record of a run: the known one, or that of a new run.
 
-        evaluate: takes its errors.
+        evaluate: computes its errors.
 
         Raises:
             Interrupted: the user asked to stop.
@@ -265,7 +265,7 @@ class Runner:
     def make(
         self, spec: RunSpec, time_limit: float | None = None, repeat: int = 0
     ) -> tuple[RunRecord, History]:
-        """Make a run, warm: its record, yet without errors, and its fields at the report days."""
+        """Run a run, warm; return its record, without errors, and its fields at the report days."""
         self.interruption.check()
         self._watcher.begin(spec)
         compiled = 0.0
@@ -362,7 +362,7 @@ class Evaluator:
             self._keep(spec, record.model_copy(update={"errors": errors}), fields)
 
     def _kept(self, spec: RunSpec) -> History | None:
-        """Fields at report days of a run, none if it failed; None where it is yet to be made."""
+        """Fields at report days of a run, none if it failed; None if it is yet to be made."""
         known = self._runner.known(spec)
         if known is None or known.status != "completed":
             return None if known is None else {}

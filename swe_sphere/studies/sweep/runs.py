@@ -72,17 +72,17 @@ are unstable."""
 
 
 class NoStepError(Exception):
-    """No step is good enough; the text says why."""
+    """No step is accurate enough; the text states why."""
 
 
 def dt_sequence(
     usable: float, explicit: bool, gravity: float, longest: float, levels: int
 ) -> list[float]:
-    """Steps [s] for a stepper, the longest first, where the user names none.
+    """Return steps [s] for a stepper, the longest first, if the user names none.
 
-    usable: safe part of the stability limit [s], infinite where there is none; explicit: whether
+    usable: safe fraction of the stability limit [s], infinite if there is none; explicit: True if
     gravity waves set that limit; gravity: limit [s] of leapfrog; longest: no step is longer [s];
-    levels: how many steps.
+    levels: number of steps.
     """
     top = min(usable, FARTHEST * gravity, longest)
     bottom = min(gravity if math.isfinite(usable) else SHORTEST * gravity, top)
@@ -98,11 +98,11 @@ def dt_sequence(
 def longest_working(
     works: Callable[[float], bool], guess: float, shortest: float, longest: float, growth: float
 ) -> float | None:
-    """The longest step [s] that works, to LIMIT_KNOWN; None if none does.
+    """Return the longest step [s] that works, to LIMIT_KNOWN; None if none does.
 
-    works: tells of a step, and is taken to fail for all longer ones where it fails for one.  guess:
-    where to begin; shortest, longest: the ends of the search; growth: ratio of two steps while the
-    limit is not yet enclosed.
+    works: tests a step; if it fails for one, longer ones are assumed to fail. guess: first trial;
+    shortest, longest: the ends of the search; growth: ratio of two steps while the limit is not yet
+    enclosed.
     """
     low = high = min(max(guess, shortest), longest)
     if works(low):
@@ -124,11 +124,11 @@ def longest_working(
 def longest_accurate(
     error: Callable[[float], float], target: float, longest: float, shortest: float
 ) -> float:
-    """The longest step [s] with an error of at most the target, to ACCURATE_KNOWN.
+    """Return the longest step [s] with an error of at most the target, to ACCURATE_KNOWN.
 
-    error: error of a step, not finite where the run fails; it is taken to grow with the step.
-    From the longest step downwards by halves, then by the secant through the logarithms.  Raises
-    NoStepError where halving the step does not help any more, and at the shortest step.
+    error: error of a step, not finite if the run fails; it is assumed to grow with the step. The
+    search halves the longest step, then applies the secant method to the logarithms. Raises
+    NoStepError if halving the step no longer helps, and at the shortest step.
     """
     step, found = longest, error(longest)
     too_long: tuple[float, float] | None = None
@@ -168,8 +168,8 @@ SESSION = uuid.uuid4().hex
 class Discretisation:
     """A scene on a mesh: its initial state, limits, and fresh simulations.
 
-    config: of any run on it; its stepper does not matter.  own: a scene in the place of the one
-    that is named there.  Raises ConfigError where scene or mesh cannot be made.
+    config: that of any run on it; its stepper is not used. own: a scene that replaces the named
+    one. Raises ConfigError if scene or mesh cannot be built.
     """
 
     def __init__(self, config: RunConfig, own: Scene | None = None) -> None:
@@ -180,7 +180,7 @@ class Discretisation:
 
     @cached_property
     def identity(self) -> str:
-        """The same for all discretisations of the same settings, files and code."""
+        """Text that is the same for all discretisations of the same settings, files and code."""
         same = identity(self.config, self.scene, self.mesh) | {
             "device": self.config.device, "launch": self.config.launch, "stepper": None,
             "code": code_fingerprint(),
@@ -190,24 +190,24 @@ class Discretisation:
         return fingerprint(same)
 
     def simulation(self, config: RunConfig) -> Simulation:
-        """A simulation with a model of its own: nothing of one run is left to the next.
+        """Return a simulation with a separate model: runs share nothing.
 
         Raises:
-            ConfigError: the stepper does not suit the scene, or takes no such option.
+            ConfigError: the stepper does not suit the scene, or has no such option.
         """
         return Simulation(self._own or config.scene, config=config, mesh=self.mesh)
 
     @cached_property
     def sim(self) -> Simulation:
-        """A simulation at its start, with no stepper's traces; not that of any run."""
+        """A simulation in its initial state that belongs to no run."""
         return self.simulation(self.config)
 
     @cached_property
     def limits(self) -> dict[str, float]:
-        """Steps [s] that the start allows.
+        """Return the steps [s] that the initial state permits.
 
         gravity_limit: leapfrog's without filter, 1 over the spectral radius; advective_limit: the
-        same, were there no gravity waves.
+        same without gravity waves.
         """
         gravity = self.sim.gravity_limit
         at_start = state_integrals(self.sim.model, self.sim.start)
@@ -218,7 +218,7 @@ class Discretisation:
         return {"gravity_limit": gravity, "advective_limit": advective}
 
     def stable_dt(self, kind: type[Stepper]) -> float:
-        """Largest stable step [s] of a stepper at the start, about; infinite if there is none."""
+        """Approximate largest stable step [s] of a stepper at the initial state, or infinity."""
         how = kind.spectrum.__func__  # type: ignore[attr-defined]
         if how not in self._spectra:
             model = self.sim.model
@@ -227,9 +227,9 @@ class Discretisation:
 
 
 class Study:
-    """What a plan asks for: a scene, its meshes, and the times at which errors are taken.
+    """The request of a plan: a scene, its meshes, and the times of errors.
 
-    own: a scene in the place of the one that the plan names.
+    own: a scene that replaces the one that the plan names.
     """
 
     def __init__(self, plan: SweepPlan, own: Scene | None = None) -> None:
@@ -249,7 +249,7 @@ class Study:
         """Independent solutions by report day; without any the exact one counts, if there is."""
 
     def at(self, ne: int, np: int, precision: str = "float64") -> Discretisation:
-        """The scene on the mesh and in the precision, made when it is first asked for."""
+        """Return the scene on the mesh and in the precision, built at the first request."""
         key = (ne, np, precision)
         if key not in self._known:
             config = self.plan.run_config(ne=ne, np=np, precision=precision)
@@ -257,13 +257,13 @@ class Study:
         return self._known[key]
 
     def spaces(self) -> list[Discretisation]:
-        """All meshes and precisions of the plan."""
+        """Return all meshes and precisions of the plan."""
         return [self.at(*of) for of in product(self.ne, self.np, self.plan.precision)]
 
     def integrators(self) -> list[Integrator]:
-        """Steppers with each preconditioner, mesh by mesh.
+        """Return the steppers with each preconditioner, mesh by mesh.
 
-        Steppers that take no preconditioner come once, and without tolerance.
+        Steppers without a preconditioner appear once, and without tolerance.
         """
         found = []
         for space, stepper in product(self.spaces(), self.plan.steppers):
@@ -277,19 +277,19 @@ class Study:
         return [*dict.fromkeys(found)]
 
     def integrator(self, space: Discretisation, stepper: str, **options: object) -> Integrator:
-        """A stepper on a mesh."""
+        """Return a stepper on a mesh."""
         chosen = {"stepper": stepper, **options}
         return Integrator(space.config.model_copy(update=chosen), space, self)
 
     def steps(self, dt: float, automatic: bool = False) -> RunPlan:
-        """Steps of at most dt [s] that meet all report times; ConfigError where no step does.
+        """Return steps of at most dt [s] that meet all report times; ConfigError if no step does.
 
-        automatic: whether nobody gave dt, which may then be shortened as much as they require.
+        automatic: True if nobody gave dt, which may then be shortened as much as they require.
         """
         return time_plan(self.days, self.interval / 3600.0, dt, automatic=automatic)
 
     def references(self, role: Role) -> tuple[str, ...]:
-        """What the errors of a run are taken against: part of its identity."""
+        """Return the names of the references of a run's errors: part of its identity."""
         if role == "stability":
             return (f"noise, {TRIAL_STEPS} steps, {TRIAL_DAYS} days",)
         files = {day: file_fingerprint(path) for day, path in self.files.items()}
@@ -299,10 +299,10 @@ class Study:
 
     @cached_property
     def sources(self) -> dict[str, str]:
-        """Fingerprints of all that every run is made of but its settings, by what it is.
+        """Fingerprints of all sources of every run except its settings, by name.
 
-        Scenes of one name are told apart by where they come from: the package, a file or an object.
-        Times of one processor say nothing of those of another.
+        Scenes of one name are distinguished by their origin: the package, a file or an object.
+        Times of one processor do not apply to another.
         """
         files = run_sources(self.plan.scene, self.scene)
         origin = "a file" if SCENE_FILE in files else "the package"
@@ -320,7 +320,7 @@ class Study:
 
 @dataclass(frozen=True)
 class Integrator:
-    """Everything of a run but its step; two are equal where they ask for the same."""
+    """All settings of a run except its step; integrators with equal settings are equal."""
 
     config: RunConfig
     """Mesh, precision, stepper and its options."""
@@ -329,7 +329,7 @@ class Integrator:
 
     @property
     def kind(self) -> type[Stepper]:
-        """The class of the stepper."""
+        """Class of the stepper."""
         return get_stepper(self.config.stepper)
 
     @property
@@ -350,31 +350,31 @@ class Integrator:
 
     @property
     def options(self) -> dict[str, object]:
-        """What the stepper is built with; as asked for where it cannot be."""
+        """Options of the stepper; as requested if it cannot be built."""
         return self._checked[0]
 
     @property
     def refusal(self) -> str | None:
-        """Why the stepper cannot run this scene, if it cannot."""
+        """Reason why the stepper cannot run this scene, if any."""
         return self._checked[1]
 
     @cached_property
     def sources(self) -> dict[str, str]:
-        """Fingerprints of the stepper and the preconditioner, where they are the user's own."""
+        """Fingerprints of the stepper and the preconditioner, if they are user-defined."""
         return users_methods([self.config.stepper], filter(None, [self.config.preconditioner]))
 
     @property
     def stable_dt(self) -> float:
-        """Stability limit at the start [s], about; infinite where there is none."""
+        """Approximate stability limit at the initial state [s]; infinite if there is none."""
         return self.space.stable_dt(self.kind)
 
     @property
     def safe_dt(self) -> float:
-        """Safe part of the stability limit at the start [s]; infinite where there is none."""
+        """Safe fraction of the stability limit at the initial state [s]; infinite without one."""
         return self.kind.safety * self.stable_dt
 
     def run(self, dt: float, role: Role = "grid") -> RunSpec:
-        """The run with steps of dt [s], a little shorter where report times ask for it.
+        """Return the run with steps of dt [s], slightly shorter if report times require it.
 
         Trials of stability keep their step: they have no report times.
         """
@@ -387,7 +387,7 @@ class Integrator:
         return RunSpec(self, steps.dt, steps, role, self.refusal)
 
     def grid(self) -> list[RunSpec]:
-        """The runs that the plan asks for, without those that are the same after all."""
+        """Return the runs of the plan, without duplicates."""
         plan = self.study.plan
         if plan.dt != "auto":
             steps = list(plan.dt)
@@ -402,13 +402,13 @@ class Integrator:
 
 @dataclass(frozen=True)
 class RunSpec:
-    """One run; two are equal where they ask for the same."""
+    """One run; runs with equal settings are equal."""
 
     integrator: Integrator
     dt: float
     """The step [s]."""
     steps: RunPlan | None = field(compare=False)
-    """None where no step near the one wanted is possible."""
+    """None if no step near the one wanted is possible."""
     role: Role = "grid"
     refusal: str | None = field(default=None, compare=False)
     """Why it cannot be run, where that is known beforehand."""
@@ -426,12 +426,12 @@ class RunSpec:
 
     @property
     def report_days(self) -> tuple[float, ...]:
-        """Times at which errors are taken [days]; none of a trial of stability."""
+        """Times of errors [days]; none in a trial of stability."""
         return () if self.role == "stability" else self.integrator.study.report_days
 
     @cached_property
     def key(self) -> str:
-        """Name of all settings, files and code that matter for the result."""
+        """Name of all settings, files and code that affect the result."""
         of, study = self.integrator, self.integrator.study
         return fingerprint([
             of.space.identity, of.config.stepper, of.options, repr(self.dt), study.days,
@@ -450,7 +450,7 @@ class RunSpec:
 def reference_files(
     plan: SweepPlan, scene: Scene, report_days: Sequence[float]
 ) -> dict[float, Path]:
-    """Files by report day: those of the user, else of scenes without exact solution the package's.
+    """Return files by report day: the user's, or the package's for scenes without exact solution.
 
     Raises ConfigError for a file that cannot be read or is of no report day.
     """
@@ -471,9 +471,9 @@ def reference_files(
 
 
 def users_methods(steppers: Iterable[str], preconditioners: Iterable[str]) -> dict[str, str]:
-    """Fingerprints of those that are no part of the package, by what they are.
+    """Return fingerprints of methods outside the package, by name.
 
-    steppers, preconditioners: names, or files.  Raises ConfigError where there is none of a name.
+    steppers, preconditioners: names, or files. Raises ConfigError if there is none of a name.
     """
     kinds: dict[str, type] = {f"the stepper {name}": STEPPERS.find(name) for name in steppers}
     kinds |= {f"the preconditioner {name}": PRECONDITIONERS.find(name) for name in preconditioners}
@@ -481,6 +481,6 @@ def users_methods(steppers: Iterable[str], preconditioners: Iterable[str]) -> di
 
 
 def users_fingerprint(item: object) -> str:
-    """That of the file that a function or class stands in; where there is none, of this process."""
+    """Fingerprint of the file of a function or class, or this process's without a file."""
     file = getattr(sys.modules.get(item.__module__), "__file__", None)
     return SESSION if file is None else file_fingerprint(Path(file))

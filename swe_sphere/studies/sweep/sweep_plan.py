@@ -33,7 +33,7 @@ from swe_sphere.studies.jobs import MOST_JOBS
 
 
 def _listed(value: object) -> tuple[object, ...]:
-    """A comma-separated list, one value or several of them, as a tuple."""
+    """Return a comma-separated list, one value or several of them, as a tuple."""
     if isinstance(value, str):
         if not (names := names_in(value)):
             raise ValueError("must not be empty")
@@ -45,7 +45,7 @@ def _listed(value: object) -> tuple[object, ...]:
 
 
 def stepper_names(value: object) -> tuple[str, ...]:
-    """Names of steppers; among them may be families, files, and classes known by their name."""
+    """Return names of steppers from names, families, files and classes."""
     names = []
     for item in _listed(value):
         if family := [name for name, kind in STEPPERS.items() if kind.family == item]:
@@ -138,24 +138,24 @@ class SweepPlan(SharedConfig):
     """Of its folder among those of a recipe; empty: that of the scene."""
 
     def run_config(self, **values: object) -> RunConfig:
-        """The configuration of one run of the sweep; None among the values is left out."""
+        """Return the configuration of one run of the sweep; None among the values is omitted."""
         whole = self.model_dump(include={*SharedConfig.model_fields, "scene", "settings"}) | values
         return make_config({name: value for name, value in whole.items() if value is not None})
 
 
 def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> SweepPlan:
-    """The plan of these values, checked as far as it can be without computing anything.
+    """Return the plan of these values, checked as far as possible without computing.
 
-    scene: one that stands behind the name in the plan.
+    scene: one that replaces the named one.
 
     Raises:
-        ConfigError: an unknown name or an unfit value, in one line that says which.
+        ConfigError: an unknown name or an unfit value, in one line that names it.
     """
     from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 
     plan = validated(SweepPlan, values)
     if plan.budget is not None and not plan.target_error:
-        raise ConfigError("budget: only a search has one: give target-error too, or leave it out")
+        raise ConfigError("budget: only a search uses it: give target-error, or leave it out")
     made = make_scene(plan.run_config(), scene)
     for name in plan.steppers:
         get_stepper(name)
@@ -176,17 +176,17 @@ def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> Sweep
 
 
 def _check_jobs(plan: SweepPlan, own: Scene | None) -> None:
-    """ConfigError for what other processes do not have or cannot share."""
+    """Raise ConfigError for settings that other processes do not have or cannot share."""
     if plan.budget is not None:
         raise ConfigError("jobs: processes cannot share a budget: leave jobs or budget out")
     if plan.device != "cpu":
-        raise ConfigError("jobs: runs on a GPU are made one after the other: leave jobs out")
+        raise ConfigError("jobs: runs on a GPU run one after the other: leave jobs out")
     kinds = [get_stepper(name) for name in plan.steppers if not is_user_file(name)]
     theirs = [kind.name for kind in kinds if is_custom(kind)]
     made_here = [own.name] if own else [*theirs, *DIAGNOSTICS]
     if made_here:
         raise ConfigError(
-            f"jobs: other processes know nothing of {made_here[0]}, which is defined in this one:"
+            f"jobs: other processes cannot import {made_here[0]}, which is defined in this one:"
             " leave jobs out, or put scenes and steppers into files and give their names"
         )
 
@@ -213,10 +213,10 @@ class Recipe:
     """Axis of the map of all sweeps that is wanted in the place of a report of each, if any is."""
 
     def plans(self, flags: Mapping[str, object]) -> list[SweepPlan]:
-        """The plans, with the values of flags in the place of the recipe's.
+        """Return the plans; values of flags replace the recipe's.
 
-        A scene among them chooses the sweeps of that scene.  Raises ConfigError for a scene that
-        the recipe does not have, for a sweep that cannot be on the map, and as `make_plan`.
+        A scene among them selects the sweeps of that scene. Raises ConfigError for a scene that the
+        recipe does not have, for a sweep that cannot be on the map, and as `make_plan`.
         """
         scene = flags.get("scene")
         chosen = [values for values in self.sweeps if scene in (None, values.get("scene"))]
@@ -229,20 +229,20 @@ class Recipe:
             settings = {f"{each.owner}.{each.parameter}": each.value for each in given}
             values = dict.fromkeys((*PLACE, FROUDE), 0.0) | settings
             if pd.isna(pd.to_numeric(values.get(self.axis), errors="coerce")):
-                raise ConfigError(f"map: a sweep of {plan.scene} has no number {self.axis}")
+                raise ConfigError(f"map: a sweep of {plan.scene} has no axis {self.axis}")
             if not plan.target_error:
                 raise ConfigError(f"map: a sweep of {plan.scene} has no target-error")
         return plans
 
 
 def load_recipe(name: str) -> Recipe:
-    """The recipe of that name, or in the TOML file of that path.
+    """Return the recipe of that name, or in the TOML file of that path.
 
     A file has a `title`, perhaps an `introduction`, keys that all sweeps share, and for each a
-    table [[sweep]], perhaps with a `note`; or just the keys of one sweep.  A table
-    [sweep.each] with lists by key makes a sweep of every combination.  `map` names the axis of
-    one map of all: ne, np, stretch, froude, or a setting such as "scene.speed".
-    Raises ConfigError if there is no such recipe or it cannot be read.
+    table [[sweep]], perhaps with a `note`; or just the keys of one sweep. A table [sweep.each] with
+    lists by key defines a sweep of every combination. `map` names the axis of one map of all: ne,
+    np, stretch, froude, or a setting such as "scene.speed". Raises ConfigError if there is no such
+    recipe or it cannot be read.
     """
     path = Path(name)
     if path.suffix != ".toml":
@@ -262,14 +262,14 @@ def load_recipe(name: str) -> Recipe:
 
 
 def folder_of(sweep: Mapping[str, Any]) -> str:
-    """Where the sweep of these values of a plan is kept in the folder of a recipe."""
+    """Return the name of the folder of these values of a plan in the folder of a recipe."""
     return str(sweep.get("name") or Path(str(sweep.get("scene"))).stem)
 
 
 def _combinations(path: Path, sweep: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """A sweep for every combination of what its table `each` lists, named after it.
+    """Yield a sweep for every combination of the lists in its table `each`, named after it.
 
-    Keys with a dot are settings; an empty text among their values leaves the setting out.
+    Keys with a dot are settings; an empty text among their values omits the setting.
     """
     each = sweep.pop("each", {})
     if not isinstance(each, dict) or not all(isinstance(of, list) and of for of in each.values()):
