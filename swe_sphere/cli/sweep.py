@@ -143,7 +143,8 @@ def _watched(title: str, quiet: bool, interrupted: str) -> Iterator[SweepWatcher
 
 
 def _carried_out(plan: SweepPlan, folder: Path, quiet: bool) -> xr.Dataset:
-    interrupted = f"interrupted by Ctrl-C; {folder} keeps all finished runs; the same command resumes the sweep"
+    end = "the same command resumes the sweep"
+    interrupted = f"interrupted by Ctrl-C; {folder} keeps all finished runs; {end}"
     with _watched(plan.scene, quiet, interrupted) as terminal:
         return run_plan(plan, folder, terminal)
 
