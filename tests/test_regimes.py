@@ -190,9 +190,9 @@ def test_a_map_of_no_sweeps_is_refused(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("axis", "flags", "said"),
     [
-        ("scene.sped", {}, "map: a sweep of williamson5 has no number scene.sped"),
-        ("nE", {}, "map: a sweep of williamson5 has no number nE"),
-        ("hyperviscosity.nu", {}, "has no number hyperviscosity.nu"),
+        ("scene.sped", {}, "map: a sweep of williamson5 has no axis scene.sped"),
+        ("nE", {}, "map: a sweep of williamson5 has no axis nE"),
+        ("hyperviscosity.nu", {}, "has no axis hyperviscosity.nu"),
         ("scene.speed", {"settings": "viscosity.nu=1e5"}, "has no axis scene.speed"),
         ("ne", {"target_error": []}, "map: a sweep of williamson5 has no target-error"),
     ],
