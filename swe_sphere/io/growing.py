@@ -53,7 +53,7 @@ def check_zarr(path: Path) -> None:
         raise ConfigError(f"{path} needs the package zarr: pip install zarr")
 
 
-class Growing:
+class GrowingOutput:
     """A file or folder that grows, built under a temporary name until it is put in place.
 
     folder: True for a folder. Raises ConfigError if another program writes it.
@@ -92,7 +92,7 @@ class Growing:
         self._open = False
 
 
-class GrowingFile(Growing):
+class GrowingFile(GrowingOutput):
     """A netCDF classic file.
 
     size: bytes to which the file must be able to grow. The methods raise OSError as the system
@@ -165,7 +165,7 @@ class GrowingFile(Growing):
         os.fsync(self._descriptor)
 
     def check(self, path: Path) -> None:
-        """Raise the errors of `Growing`, also for a file that is truncated or changed."""
+        """Raise the errors of `GrowingOutput`, also for a file that is truncated or changed."""
         super().check(path)
         if self._in_place and (
             os.fstat(self._descriptor).st_size < self._end
@@ -185,7 +185,7 @@ class GrowingFile(Growing):
             data, place = data[written:], place + written
 
 
-class GrowingStore(Growing):
+class GrowingStore(GrowingOutput):
     """A Zarr store with the methods of `GrowingFile`.
 
     Samples are stored with the next record or text; their number is not limited. Data of a failed

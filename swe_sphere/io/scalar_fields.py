@@ -15,7 +15,7 @@ from swe_sphere.mesh import Interpolator, Mesh
 
 
 @dataclass(frozen=True)
-class Field:
+class FieldStyle:
     """Title, units, colour map of cmcrameri and drawing options of a field."""
 
     title: str
@@ -36,22 +36,22 @@ class Field:
 POWER, RAISED = re.compile(r"\$\^\{(.*?)\}\$"), str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-FIELDS = {name: Field(**table) for name, table in VARIABLES["pictures"].items()}
+FIELDS = {name: FieldStyle(**table) for name, table in VARIABLES["pictures"].items()}
 """Scalar fields by name.  Errors are also available for the vector "wind", and a run with tracers
 has the mixing ratio "q_NAME" of each."""
 
 
-def describe(name: str, about: Mapping[str, Any] | None = None) -> Field:
+def describe(name: str, about: Mapping[str, Any] | None = None) -> FieldStyle:
     """Return the title and look of the field of that name; about: attributes of its variable."""
     if name.startswith(TRACER):
-        return Field(
+        return FieldStyle(
             f"mixing ratio of {name.removeprefix(TRACER)}", "1", "lajolla_r", contours=False
         )
     if name in FIELDS:
         return FIELDS[name]
     told = {"long_name": name.replace("_", " "), "units": "", **(about or {})}
     units = re.sub(r"(?<=[A-Za-z])(-?\d+)", r"$^{\1}$", str(told["units"]))
-    return Field(str(told["long_name"]), units, "lapaz_r", contours=False)
+    return FieldStyle(str(told["long_name"]), units, "lapaz_r", contours=False)
 
 
 def check_field(name: str, own: Iterable[str] = (), *, vector: bool = False) -> str:

@@ -13,7 +13,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.reference_solution import Exact
 from swe_sphere.io.runfile import Nodal, Source
-from swe_sphere.io.scalar_fields import Field, describe, evaluate
+from swe_sphere.io.scalar_fields import FieldStyle, describe, evaluate
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.maps import MapGrid, draw_graticule, draw_mesh, draw_winds
 from swe_sphere.planet import DAY
@@ -27,7 +27,7 @@ LABELS = 14.0
 """Height of the labels above a polar map [points]; cartopy moves the title above them itself."""
 
 
-def limits(values: Array, kind: Field) -> tuple[float, float]:
+def limits(values: Array, kind: FieldStyle) -> tuple[float, float]:
     """Return the ends of the colour scale; symmetric for a diverging field, never equal."""
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     if kind.diverging:
@@ -38,7 +38,7 @@ def limits(values: Array, kind: Field) -> tuple[float, float]:
 
 
 def contours(
-    values: Array, kind: Field, ends: tuple[float, float], count: int | None = None
+    values: Array, kind: FieldStyle, ends: tuple[float, float], count: int | None = None
 ) -> tuple[Array, float]:
     """Return the levels to draw and the interval between them; about `count` levels if given."""
     most = MaxNLocator(count or (8 if kind.diverging else 14))
@@ -169,7 +169,7 @@ class Drawing:
         return f"Brown: bottom at {', '.join(f'{level:.6g}' for level in levels)} m."
 
 
-def _draw_scale(axes: GeoAxes, image: AxesImage, kind: Field) -> None:
+def _draw_scale(axes: GeoAxes, image: AxesImage, kind: FieldStyle) -> None:
     numbers = ScalarFormatter(useOffset=False, useMathText=True)
     numbers.set_powerlimits((-3, 5))
     bar = axes.figure.colorbar(
@@ -183,7 +183,7 @@ def _draw_scale(axes: GeoAxes, image: AxesImage, kind: Field) -> None:
     bar.set_label(f"{kind.title} [{kind.units}]".removesuffix(" []"), fontsize=10)
 
 
-def _write_titles(axes: GeoAxes, source: Source, kind: Field, time: float | None) -> None:
+def _write_titles(axes: GeoAxes, source: Source, kind: FieldStyle, time: float | None) -> None:
     low = SUBTITLE + LABELS * isinstance(axes.projection, Stereographic)
     name = str(source.attributes.get("scene", ""))
     title = f"{name}: {source.title}" if name and name not in source.title else source.title

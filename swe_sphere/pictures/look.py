@@ -105,7 +105,7 @@ class Look(
         _, _, south, north = self.region or (0.0, 0.0, 0.0, 0.0)
         return south if self.projection == "north-polar" else -north
 
-    def colour_map(self, kind: scalar_fields.Field) -> Colormap:
+    def colour_map(self, kind: scalar_fields.FieldStyle) -> Colormap:
         """Return the requested colours, or those of the field; ConfigError for an unknown name."""
         import matplotlib as mpl
         from cmcrameri import cm
