@@ -1,4 +1,4 @@
-"""How a run ended, its numbers for `--json`, and the lines of its table."""
+"""The outcome of a run, its numbers for `--json`, and the lines of its table."""
 
 import json
 import math
@@ -26,7 +26,7 @@ BREAKDOWNS = (ArithmeticError, ValueError, RuntimeError, MemoryError)
 
 @dataclass(frozen=True, repr=False)
 class Summary(Mapping[str, Any]):
-    """How a run ended, and the values of its JSON line by name; `print` shows them in a table."""
+    """Outcome of a run, and the values of its JSON line by name; `print` shows them in a table."""
 
     status: str = "completed"
     """completed, not begun, running, refused (before the first step), unstable, solver-failed,

@@ -42,7 +42,7 @@ TIMES = ("seconds", "step_seconds", "dt")
 
 
 class Measure(Record):
-    """How a run of a case ended, and its numbers."""
+    """Outcome of a run of a case, and its numbers."""
 
     fingerprint: str
     """Fingerprint of the run, of its measurement and of the code."""

@@ -1,4 +1,4 @@
-"""From measured numbers to verdicts and pages: observed orders, bounds, outcomes, Markdown."""
+"""Verdicts and pages from measured numbers: observed orders, bounds, outcomes, Markdown."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class Row:
 
     @property
     def reason(self) -> str:
-        """Why the outcome is not another one; empty for a run within its bounds."""
+        """Reason of any other outcome; empty for a run within its bounds."""
         return "; ".join(filter(None, self._verdict[1]))
 
     @property

@@ -1,4 +1,4 @@
-"""What a sweep is asked to do: one frozen object, from flags, a recipe in TOML, or Python."""
+"""The request of a sweep: one frozen object, from flags, a recipe in TOML, or Python."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
