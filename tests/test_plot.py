@@ -151,7 +151,7 @@ def test_no_series_no_panels(tmp_path):
 
 def test_what_cannot_be_drawn(run, tmp_path):
     for arguments, reason in (
-        ({"field": "temperature"}, "there is no field"),
+        ({"field": "temperature"}, "unknown field"),
         ({"time": 7.5 * DAY}, "no frame at day 7.5"),
         ({"out": tmp_path / "picture.nc"}, "ending in .png"),
         ({"out": tmp_path / "missing" / "picture.png"}, "cannot write"),
@@ -447,9 +447,9 @@ def test_fields_of_ones_own_are_drawn_and_compared_with_their_units(tmp_path, mo
         assert kind.plain_units == "m⁻¹ s⁻¹"
     axes = open_run(path).swe.plot("pv")
     (label,) = (each.get_xlabel() for each in axes.figure.axes if each.get_xlabel())
-    assert label == "potential vorticity [m$^{-1}$ s$^{-1}$]"
+    assert label == "potential vorticity [10$^{-8}$ m$^{-1}$ s$^{-1}$]"
     for draw in (lambda: plot_file(path, "pw"), lambda: compare(path, path, "pw")):
-        with pytest.raises(ConfigError, match=r"there is no field 'pw': .*pv"):
+        with pytest.raises(ConfigError, match=r"unknown field 'pw'; .*pv"):
             draw()
 
 
@@ -457,7 +457,7 @@ def test_films_that_cannot_be_made(run, tmp_path):
     for arguments, reason in (
         ({"out": tmp_path / "film.avi"}, "ending in .mp4 or .gif"),
         ({"out": tmp_path / "film.gif", "rate": 0.0}, "frames a second"),
-        ({"field": "heat", "out": tmp_path / "film.gif"}, "there is no field"),
+        ({"field": "heat", "out": tmp_path / "film.gif"}, "unknown field"),
     ):
         with pytest.raises(ConfigError, match=reason):
             plot.animate_file(run, **arguments)

@@ -10,7 +10,7 @@ from sweeps import make_sweep
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.studies.report.figures import look
+from swe_sphere.studies.report.figures import CUSTOM, LOOKS, look
 from swe_sphere.studies.report.ranking import (
     Metric,
     candidates,
@@ -232,9 +232,11 @@ def lab(colour: str, vision) -> np.ndarray:
 def test_every_stepper_has_a_colour_and_a_marker_of_its_own():
     ours = {n for n, kind in STEPPERS.items() if kind.__module__.startswith("swe_sphere.")}
     looks = [look(name) for name in ours]
-    assert len({marker for _, marker in looks}) == len(looks)
+    assert {*LOOKS} == ours and len({marker for _, marker in looks}) == len(looks)
+    assert {marker for _, marker in looks}.isdisjoint(CUSTOM[1])
     for vision in VISIONS:
         seen = [lab(colour, np.array(vision)) for colour, _ in looks]
+        seen += [lab(colour, np.array(vision)) for colour in CUSTOM[0]]
         assert min(np.linalg.norm(a - b) for a, b in combinations(seen, 2)) > 12.0
     assert look("mine") == look("mine")
 

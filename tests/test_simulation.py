@@ -142,7 +142,7 @@ def test_continued_plan_keeps_the_step():
         ({"ne": 2.5}, "ne: must be a valid integer"),
         ({"precision": "float16"}, "precision: must be 'float64' or 'float32', got 'float16'"),
         ({"centre_lon": "east"}, "centre-lon: must be a valid number"),
-        ({"nee": 3}, "there is no option 'nee'; there are adaptive, "),
+        ({"nee": 3}, "unknown option 'nee'; did you mean 'ne'"),
         ({"settings": {"viscosity": 3}}, "set: must be tables"),
     ],
 )

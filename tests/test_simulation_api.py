@@ -17,13 +17,15 @@ import xarray as xr
 from swe_sphere.analysis.accessor import open_run
 from swe_sphere.equations.effects import Drag
 from swe_sphere.errors import ConfigError
+from swe_sphere.io.layout import VARIABLES
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.io.scalar_fields import FIELDS
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
-from swe_sphere.simulation.config import make_config
+from swe_sphere.simulation.config import Keywords, RunConfig, make_config
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
 from swe_sphere.simulation.observers import Callback, Observer, every
+from swe_sphere.simulation.restart import OF_ONE_RUN
 from swe_sphere.simulation.simulation import Simulation, run
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.stepper import Stepper
@@ -150,7 +152,7 @@ def test_it_goes_on_where_it_stands():
         ({"effects": "drag"}, "got 'drag'"),
         ({"effects": 3}, "got 3"),
         ({"out": "a.nc"}, "out is not a setting of a simulation"),
-        ({"nee": 3}, "there is no option 'nee'"),
+        ({"nee": 3}, "unknown option 'nee'; did you mean 'ne'"),
         ({"effects": {"drag.linearr": 1}}, "no effect 'drag'|no parameter"),
         ({"parameters": {"beta": 1}}, "beta"),
         ({"options": {"beta": 1}}, "has no option 'beta'"),
@@ -187,6 +189,98 @@ def test_state_has_names_units_and_values():
     assert whole.attrs["scene"] == "williamson5"
 
 
+def test_frames_are_kept_in_memory():
+    sim = small("williamson5")
+    with pytest.raises(ConfigError, match=r"kept no frames: call run\(keep=True\)"):
+        _ = sim.frames
+    sim.run(days=0.5, every=6, keep=True)
+    assert sim.frames.h.dims == ("time", "node") and sim.frames.b.dims == ("node",)
+    assert sim.frames.time.values.tolist() == [0.0, 0.25 * DAY, 0.5 * DAY]
+    np.testing.assert_array_equal(sim.frames.h[0], sim.start["h"])
+    np.testing.assert_array_equal(sim.frames.h[-1], sim.state.h)
+
+
+def test_frames_of_the_last_run_may_be_those_of_its_file(tmp_path):
+    sim = small("williamson5")
+    sim.run(days=0.25, every=6, out=tmp_path / "run.nc")
+    np.testing.assert_array_equal(sim.frames.h, open_run(tmp_path / "run.nc").h)
+
+
+def test_a_film_of_the_last_run_is_shown_by_notebooks():
+    sim = small("williamson5")
+    sim.run(days=0.25, every=6, keep=True)
+    film = sim.animate("speed")
+    shown = film._repr_html_()
+    assert shown.count("data:image/png;base64,") == 2 and "<input" in shown
+    with pytest.raises(ConfigError, match="less than two frames"):
+        sim.to_xarray().swe.animate()
+
+
+def test_an_editor_completes_the_settings_of_a_simulation():
+    known = RunConfig.model_fields
+    others = {"scene", "stepper", "preconditioner", "initial", *OF_ONE_RUN}
+    assert Keywords.__annotations__.keys() == known.keys() - others
+    for function in (Simulation.__init__, Simulation.from_checkpoint):
+        assert function.__annotations__["settings"] == "Unpack[Keywords]"
+
+
+def test_potential_vorticity_and_kinetic_energy_are_fields(tmp_path):
+    sim = small("williamson5", fields="h,potential_vorticity,kinetic_energy")
+    sim.run(days=0.25, out=tmp_path / "run.nc")
+    run, whole = open_run(tmp_path / "run.nc"), sim.to_xarray()
+    right = whole.swe.potential_vorticity()
+    np.testing.assert_allclose(run.potential_vorticity[-1], right[0], rtol=1e-14)
+    np.testing.assert_allclose(run.kinetic_energy[-1], 0.5 * (whole.u**2 + whole.v**2)[0])
+    assert run.potential_vorticity.attrs["units"] == "m-1 s-1"
+    sim = small("williamson5")
+    sim.run(days=0.25, out=tmp_path / "whole.nc")
+    file, frame = RunFile(tmp_path / "whole.nc"), sim.to_xarray().swe.frames
+    for field in ("potential_vorticity", "kinetic_energy"):
+        at = file.at(field, np.array([1.0]), np.array([0.5]))
+        np.testing.assert_allclose(at, frame.at(field, np.array([1.0]), np.array([0.5])))
+    assert {"potential_vorticity", "kinetic_energy"}.isdisjoint(file.about)
+
+
+def test_times_of_pictures_are_days():
+    sim = small("williamson5")
+    sim.run(days=0.5, every=6, keep=True)
+    axes = sim.frames.swe.plot("h", time=0.25)
+    assert any("day 0.25" in text.get_text() for text in axes.texts)
+    with pytest.raises(ConfigError, match=r"no frame at day 2: the last ones are at day 0, 0.25"):
+        sim.frames.swe.plot("h", time=2.0)
+    mpl.pyplot.close(axes.figure)
+
+
+def test_a_map_in_a_figure_of_the_user_keeps_its_title():
+    from cartopy.crs import Robinson
+    from matplotlib import pyplot
+
+    figure, (one, other) = pyplot.subplots(1, 2, subplot_kw={"projection": Robinson()})
+    one.set_title("mine")
+    sim = small("williamson5")
+    for axes in (one, other):
+        sim.plot("vorticity", ax=axes)
+        assert not [text for text in axes.texts if text.get_text()]
+    assert (one.get_title(), other.get_title()) == ("mine", "relative vorticity, day 0")
+    labels = {each.get_xlabel() for each in figure.axes}
+    assert "relative vorticity [10$^{-6}$ s$^{-1}$]" in labels
+    pyplot.close(figure)
+
+
+def test_a_signed_field_of_the_user_has_its_zero_in_the_middle():
+    @diagnostic
+    def anomaly(sim):
+        return sim.state.h - sim.state.h.mean()
+
+    try:
+        axes = small("williamson5").plot("anomaly")
+        (image,) = axes.get_images()
+        low, high = image.get_clim()
+        assert low == -high and image.get_cmap().name.endswith("vik")
+    finally:
+        del DIAGNOSTICS["anomaly"]
+
+
 def test_a_picture_of_the_state():
     from cartopy.crs import Robinson
     from matplotlib import pyplot
@@ -194,8 +288,8 @@ def test_a_picture_of_the_state():
     sim = small("williamson5")
     figure, axes = pyplot.subplots(subplot_kw={"projection": Robinson()})
     assert sim.plot("vorticity", ax=axes) is axes
-    assert "day 0" in " ".join(text.get_text() for text in axes.texts)
-    with pytest.raises(ConfigError, match="there is no field 'vorticty': did you mean"):
+    assert axes.get_title() == "relative vorticity, day 0"
+    with pytest.raises(ConfigError, match="unknown field 'vorticty'; did you mean"):
         sim.plot("vorticty")
     pyplot.close(figure)
 
@@ -481,9 +575,22 @@ WAYS = [
 def test_no_diagnostic_takes_a_name_that_files_and_summaries_have(scene, values, tmp_path):
     found = small(scene, **values).run(days=0.25, every=6.0, out=tmp_path / "a.nc")
     data = open_run(tmp_path / "a.nc")
-    for name in {*found, *data.variables, *data.dims, *data.attrs, *FIELDS, "wind"}:
+    known = FIELDS.keys() - VARIABLES["derived"].keys()
+    for name in {*found, *data.variables, *data.dims, *data.attrs, *known, "wind"}:
         with pytest.raises(ConfigError, match="needs another name"):
             diagnostic(name=name)(lambda sim: 0.0)
+
+
+def test_a_diagnostic_replaces_a_field_that_files_have_on_request_alone(tmp_path):
+    @diagnostic(units="J")
+    def kinetic_energy(sim):
+        return 2.0 * sim.state.h
+
+    sim = small("williamson5", fields="h,kinetic_energy")
+    sim.run(days=0.1, out=tmp_path / "run.nc")
+    run = open_run(tmp_path / "run.nc")
+    np.testing.assert_array_equal(run.kinetic_energy, 2.0 * run.h)
+    assert run.kinetic_energy.attrs["units"] == "J"
 
 
 def test_a_diagnostic_does_not_replace_an_option_of_the_stepper():
@@ -579,3 +686,10 @@ def test_cpu_time_of_steps_leaves_compiling_out(monkeypatch):
     monkeypatch.setattr(Stepper, "step", step)
     summary = sim.run(days=0.125)
     assert sim.cpu_seconds == pytest.approx(5.0 * summary["steps"])
+
+
+def test_the_table_of_a_summary_has_no_row_of_rounding_errors():
+    """The means of vorticity and divergence vanish on every sphere."""
+    summary = small().run(days=0.1)
+    assert "mean" not in [label for label, _ in summary.rows()]
+    assert abs(summary["total_vorticity"]) < 1e-15

@@ -66,7 +66,7 @@ def test_lists_may_be_written_in_any_way():
         ({"target_norm": "l3"}, "target-norm: must be 'l1', 'l2' or 'linf'"),
         ({"time_limit": -1}, "time-limit: must be greater than 0"),
         ({"reference": "none.nc"}, "reference: there is no file none.nc"),
-        ({"steper": "rk4"}, "there is no option 'steper'; there are"),
+        ({"steper": "rk4"}, "unknown option 'steper'; did you mean 'steppers'"),
         ({"settings": "viscosity.mu=1"}, "has no parameter 'mu'"),
     ],
 )

@@ -23,17 +23,19 @@ from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import integrals, norms
 from swe_sphere.io.layout import MESH_ATTRIBUTES, START, VARIABLES, in_python, plain
-from swe_sphere.io.runfile import TOLERANCE, Frame, RunFile, engine, mesh_of
-from swe_sphere.io.scalar_fields import derive, evaluate
+from swe_sphere.io.runfile import TOLERANCE, Nodal, RunFile, engine, mesh_of
+from swe_sphere.io.scalar_fields import check_field, derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.operators.sparse import stiffness
-from swe_sphere.planet import Planet
+from swe_sphere.planet import DAY, Planet
 from swe_sphere.settings.values import convert, validated
 from swe_sphere.testcases.harmonics import GaussGrid, mean_squares
 
 if TYPE_CHECKING:
     from cartopy.mpl.geoaxes import GeoAxes
+
+    from swe_sphere.pictures.plot import Film
 
 SPECTRA = {
     "rotational_energy": ("kinetic energy of the rotational wind", "m2 s-2"),
@@ -183,7 +185,7 @@ class Analysis:
         planet = Planet(**(json.loads(told) if isinstance(told, str) else told))
         names = ("u", "v", "h", "b", "f", "vorticity", "divergence")
         holding(self._data, *names)
-        frames = (self._frame(k, names) for k in range(self._times.size))
+        frames = (self.frames.fields(k, names) for k in range(self.frames.times.size))
         rows = [integrals(self.mesh, planet, **frame) for frame in frames]
         about = VARIABLES["series"]
         return self._series(
@@ -203,7 +205,8 @@ class Analysis:
             raise ConfigError(f"error_norms needs a dataset from open_run, got {other!r}")
         theirs = Analysis(other)
         pairs = [
-            (k, j) for k, ours in enumerate(self._times) for j, right in enumerate(theirs._times)
+            (k, j) for k, ours in enumerate(self.frames.times)
+            for j, right in enumerate(theirs.frames.times)
             if abs(ours - right) <= TOLERANCE
         ]  # fmt: skip
         if not pairs:
@@ -213,7 +216,7 @@ class Analysis:
         found: dict[str, list[float]] = {}
         names = [fields] if isinstance(fields, str) else [*fields]
         for k, j in pairs:
-            ours, right = self._frame(k), theirs._frame(j)
+            ours, right = self.frames.fields(k), theirs.frames.fields(j)
             for field in names:
                 here = derive(ours, field) if points is None else evaluate(points, ours, field)
                 errors = norms(theirs.mesh.area, here, derive(right, field))
@@ -230,51 +233,70 @@ class Analysis:
     ) -> GeoAxes:
         """Draw a field on the globe; return the map, which is axes of cartopy.
 
-        ax: axes of cartopy to draw into; None: those of a new figure. time [s since the start]: the
-        frame, None for the last. look: projection="robinson", winds="arrows", mesh=True, ...; see
-        `swe_sphere.pictures.look.Look`.
+        time [days since the start]: the frame, None for the last.  ax: axes of cartopy to draw
+        into, which keep their title; None: those of a new figure.  look: projection="robinson",
+        winds="arrows", mesh=True, ...; see `swe_sphere.pictures.look.Look`.
 
         Raises ConfigError if there is no frame at that time.
         """
         from swe_sphere.pictures.look import Look
         from swe_sphere.pictures.plot import draw_state
 
-        return draw_state(self.frame(time), field, ax, validated(Look, look))
+        when = None if time is None else time * DAY
+        return draw_state(self.frames, field, ax, validated(Look, look), when)
 
-    def frame(self, time: float | None = None) -> Frame:
-        """Return the frame at a time [s since the start], the last one for None.
+    def animate(self, field: str | None = None, rate: float = 8.0, **look: Any) -> Film:
+        """Return all frames as a film of matplotlib, which a notebook shows.
 
-        Raises ConfigError if there is no frame at that time.
+        rate: frames a second.  look: as of `plot`.  `film.save("jet.gif")` writes a file.
+
+        Raises ConfigError if there are less than two frames.
         """
-        k = self._times.size - 1 if time is None else int(np.abs(self._times - time).argmin())
-        now = float(self._times[k])
-        if time is not None and not abs(now - time) <= TOLERANCE:
-            raise ConfigError(f"there is no frame at {time:g} s")
-        run = {str(name): value for name, value in self._data.attrs.items()}
-        about = {str(name): field.attrs for name, field in self._data.data_vars.items()}
-        fields = {"b": np.zeros(self.mesh.size), **self._frame(k)}
-        return Frame(self.mesh, fields, now, run, about)
+        from swe_sphere.pictures.look import Look
+        from swe_sphere.pictures.plot import Film, default_field
+
+        field = check_field(field or default_field(self.frames), self.frames.about)
+        return Film.of(self.frames, field, validated(Look, look), rate)
 
     @cached_property
-    def _times(self) -> Array:
-        """Return the times (T,) since the start [s]; a single one without such a dimension."""
-        if "time" not in self._data.coords:
-            return np.zeros(1)
-        times = np.atleast_1d(self._data["time"].values)
-        if times.size == 0:
-            raise ConfigError("this dataset holds no frame")
-        if np.issubdtype(times.dtype, np.datetime64):
-            times = (times - np.datetime64(START)) / np.timedelta64(1, "s")
-        return times.astype(np.float64)
+    def frames(self) -> Frames:
+        """The frames as a source of pictures."""
+        return Frames(self._data, self.mesh)
 
     def _series(self, values: dict[str, Any], which: list[int] | None = None) -> xr.Dataset:
-        """Return numbers at the times of the frames, or at some of them."""
-        times = self._times[slice(None) if which is None else which]
+        """Numbers at the times of the frames, or at some of them."""
+        times = self.frames.times[slice(None) if which is None else which]
         about = {"long_name": "time since the start", "units": "s"}
         return xr.Dataset(values, {"time": ("time", times, about)})
 
-    def _frame(self, k: int, names: Iterable[str] | None = None) -> dict[str, Array]:
-        """Return the fields (N,) of one frame, of the given names as far as they exist."""
+
+class Frames(Nodal):
+    """Frames of the dataset of a run."""
+
+    path = Path("the dataset")
+
+    def __init__(self, data: xr.Dataset, mesh: Mesh) -> None:
+        self._data, self.mesh = data, mesh
+        self.attributes = {str(name): value for name, value in data.attrs.items()}
+        self.about = {str(name): field.attrs for name, field in data.data_vars.items()}
+        self.times = np.zeros(1)  # where there is no such dimension
+        if "time" in data.coords:
+            times = np.atleast_1d(data["time"].values)
+            if times.size == 0:
+                raise ConfigError("this dataset holds no frame")
+            if np.issubdtype(times.dtype, np.datetime64):
+                times = (times - np.datetime64(START)) / np.timedelta64(1, "s")
+            self.times = times.astype(np.float64)
+
+    @cached_property
+    def bottom(self) -> Array:  # type: ignore[override]
+        return self.fields(0, ["b"]).get("b", np.zeros(self.mesh.size))
+
+    def frame(self, time: float | None = None) -> dict[str, Array]:
+        return {"b": self.bottom, **self.fields(self.index(time))}
+
+    def fields(self, k: int, names: Iterable[str] | None = None) -> dict[str, Array]:
+        """Fields (N,) of one frame, those of the names that are there."""
         data = self._data.isel(time=k) if "time" in self._data.dims else self._data
         if others := set(data["h"].dims if "h" in data else ()) - {"node"}:
             raise ConfigError(f"choose one of {', '.join(map(str, others))} (isel) first")

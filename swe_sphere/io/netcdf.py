@@ -21,12 +21,14 @@ from swe_sphere.io.layout import (
     LAYOUT_BYTES,
     SERIES,
     SUMMARY_BYTES,
+    VARIABLES,
     file_dataset,
     frame_fields,
     history,
     plain,
 )
 from swe_sphere.io.runfile import RunFile, reading
+from swe_sphere.io.scalar_fields import FIELDS, POWER, derive
 from swe_sphere.mesh import Mesh
 
 SAMPLES = 1000
@@ -83,6 +85,11 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
             kept = {name: before[name] for name in KEPT if name in before}
         every = frame_fields(tracers) | {name: self._own[name] for name in own_fields}
         wanted = {*only} or {*every}
+        derived = {
+            name: {"long_name": FIELDS[name].title, "units": POWER.sub(r"\1", FIELDS[name].units)}
+            for name in VARIABLES["derived"]
+        }
+        every = derived | every
         for name in sorted(wanted.difference(every)):
             raise unknown_name("field", name, [*every])
         self._fields = {name: about for name, about in every.items() if name in wanted}
@@ -109,16 +116,16 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
     def write(
         self,
         time: float,
-        fields: Mapping[str, ArrayLike],
+        fields: Mapping[str, Array],
         diagnostics: Mapping[str, float | None] | None = None,
     ) -> None:
         """Append a frame at time [s since the start] and sync it to the disk.
 
         fields: h [m], u, v [m s-1], vorticity, divergence [s-1], q_NAME of each tracer and
-        user-defined ones, all of them (N,); others are ignored. diagnostics: as for `record`, at
-        the same time; those of the first frame define the series.
+        user-defined ones, all of them (N,), and f for derived ones; others are ignored.
+        diagnostics: as for `record`, at the same time; those of the first frame define the series.
         """
-        values = {"time": [time]} | {name: fields[name] for name in self._fields}
+        values = {"time": [time]} | {name: derive(fields, name) for name in self._fields}
         with self._writing(begins=True):
             if not self._begun:
                 self._make(diagnostics or {})

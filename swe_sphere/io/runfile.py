@@ -188,6 +188,10 @@ class Source(ABC):
     def frame(self, time: float | None = None) -> dict[str, Array]:
         """Fields (N,) at time [s] (None: the last), by name; of a run at least u, v, h, b."""
 
+    def state(self, time: float | None = None) -> dict[str, Array]:
+        """Fields as of `frame`, with the Coriolis parameter f where the source has it."""
+        return self.frame(time)
+
     @abstractmethod
     def sampler(self, lon: Array, lat: Array) -> Sampler:
         """Return a sampler that evaluates fields (N,) and winds at points lon, lat (M,) [rad]."""
@@ -212,11 +216,11 @@ class Source(ABC):
 
     def values(self, name: str, time: float | None = None) -> Array:
         """Return a field at the points: (N,), or (2, N) for "wind"."""
-        return derive(self.frame(time), name)
+        return derive(self.state(time), name)
 
     def at(self, name: str, lon: Array, lat: Array, time: float | None = None) -> Array:
         """Return a field at any points lon, lat (M,) [rad]: (M,), or (2, M) for "wind"."""
-        return evaluate(self.sampler(lon, lat), self.frame(time), name)
+        return evaluate(self.sampler(lon, lat), self.state(time), name)
 
 
 class Nodal(Source):
@@ -286,6 +290,11 @@ class RunFile(Nodal):
         with reading(self.path) as data:
             found = {x: checked(self.path, x, data[x][index].variable) for x in self.about}
             return {"b": self.bottom} | found
+
+    def state(self, time: float | None = None) -> dict[str, Array]:
+        with reading(self.path) as data:
+            known = {"f": checked(self.path, "f", data["f"].variable)} if "f" in data else {}
+        return self.frame(time) | known
 
     def series(self) -> tuple[Array, dict[str, Array]]:
         """Times (D,) [s] of the diagnostics and each of them (D,), NaN where missing."""

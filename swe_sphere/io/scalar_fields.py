@@ -1,6 +1,5 @@
 """The scalar fields of files: names, units, colours, and how to derive them."""
 
-import difflib
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -9,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from swe_sphere.arrays import Array
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.io.layout import TRACER, VARIABLES
 from swe_sphere.mesh import Interpolator, Mesh
 
@@ -36,7 +35,8 @@ class FieldStyle:
 POWER, RAISED = re.compile(r"\$\^\{(.*?)\}\$"), str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-FIELDS = {name: FieldStyle(**table) for name, table in VARIABLES["pictures"].items()}
+PICTURES = VARIABLES["pictures"] | VARIABLES["derived"]
+FIELDS = {name: FieldStyle(**table) for name, table in PICTURES.items()}
 """Scalar fields by name.  Errors are also available for the vector "wind", and a run with tracers
 has the mixing ratio "q_NAME" of each."""
 
@@ -65,22 +65,24 @@ def check_field(name: str, own: Iterable[str] = (), *, vector: bool = False) -> 
     names += [each for each in own if each not in names]
     if name in names or name.startswith(TRACER):
         return name
-    near = difflib.get_close_matches(name, names, n=1)
-    hint = f"did you mean {near[0]!r}?" if near else f"choose from {', '.join(names)}"
-    raise ConfigError(f"there is no field {name!r}: {hint}")
+    raise unknown_name("field", name, names)
 
 
 def derive(fields: Mapping[str, Array], name: str) -> Array:
-    """Return the named field from stored ones (u, v, h, b, ...): (N,), or (2, N) for "wind"."""
-    if name == "surface" and "surface" not in fields:
+    """Return the named field from stored ones (u, v, h, b, f, ...): (N,), or (2, N) for "wind"."""
+    if name in fields:
+        return fields[name]
+    if name == "surface":
         return derive(fields, "h") + fields.get("b", 0.0)
     if name == "speed":
         return np.hypot(derive(fields, "u"), derive(fields, "v"))
+    if name == "kinetic_energy":
+        return 0.5 * derive(fields, "speed") ** 2
+    if name == "potential_vorticity":
+        return (derive(fields, "vorticity") + derive(fields, "f")) / derive(fields, "h")
     if name == "wind":
         return np.stack([derive(fields, "u"), derive(fields, "v")])
-    if name not in fields:
-        raise ConfigError(f"the field {name!r} is missing; there are {', '.join(fields)}")
-    return fields[name]
+    raise ConfigError(f"the field {name!r} is missing; there are {', '.join(fields)}")
 
 
 class Sampler(Protocol):
@@ -98,7 +100,8 @@ def evaluate(sampler: Sampler, fields: Mapping[str, Array], name: str) -> Array:
 
     Fields derived from the wind use the vector, because its components jump at the poles.
     """
-    if name in ("u", "v", "speed", "wind"):
+    made = name in ("speed", "wind", "kinetic_energy") and name not in fields
+    if made or name in ("u", "v"):
         u, v = sampler.wind(*derive(fields, "wind"))
         return derive({"u": u, "v": v}, name)
     return sampler(derive(fields, name))

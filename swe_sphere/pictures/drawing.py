@@ -1,5 +1,6 @@
 """A field on a map, without contours of noise, with its scale, title and caption."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,22 +8,27 @@ from cartopy.crs import Stereographic
 from cartopy.mpl.geoaxes import GeoAxes
 from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
-from matplotlib.ticker import MaxNLocator, ScalarFormatter
+from matplotlib.ticker import MaxNLocator
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
+from swe_sphere.io.layout import TRACER
 from swe_sphere.io.reference_solution import Exact
 from swe_sphere.io.runfile import Nodal, Source
-from swe_sphere.io.scalar_fields import FieldStyle, describe, evaluate
+from swe_sphere.io.scalar_fields import FIELDS, FieldStyle, describe, evaluate
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.maps import MapGrid, draw_graticule, draw_mesh, draw_winds
 from swe_sphere.planet import DAY
 
+SIGNED = 1e-3
+"""A user-defined field has two signs if each takes more than this part of its range."""
 FLAT = 1e-9
 """Relative variation of a field below which it is round-off."""
 SUBTITLE, TITLE, CAPTION = 6.0, 20.0, 20.0
 """Distances of the subtitle from the map, of the title from the subtitle, and of the caption from
 the map, which leaves room for the labels of the meridians [points]."""
+PALE = 0.7
+"""Opacity of small print, whose colour is that of the style: black on light, white on dark."""
 LABELS = 14.0
 """Height of the labels above a polar map [points]; cartopy moves the title above them itself."""
 
@@ -77,6 +83,10 @@ class Drawing:
     ) -> None:
         self.source, self.field, self.look, self.against = source, field, look, against
         self.grid, kind = grid, describe(field, source.about.get(field))
+        if field in source.about and field not in FIELDS and not field.startswith(TRACER):
+            values = source.values(field)
+            if min(values.max(), -values.min()) > SIGNED * np.ptp(values):
+                kind = replace(kind, colours="vik", diverging=True)
         if against is not None:
             what = "error" if isinstance(against, Exact) else "difference"
             kind = replace(kind, title=f"{what} of {kind.title}", colours="vik", diverging=True)
@@ -96,14 +106,19 @@ class Drawing:
         return found.reshape(self.grid.x.shape)
 
     def _evaluated(self, field: str, time: float | None) -> Array:
-        return evaluate(self._sampler, self.source.frame(time), field)
+        return evaluate(self._sampler, self.source.state(time), field)
 
     def draw(
-        self, axes: GeoAxes, time: float | None, ends: tuple[float, float] | None = None
+        self,
+        axes: GeoAxes,
+        time: float | None,
+        ends: tuple[float, float] | None = None,
+        within: bool = False,
     ) -> None:
         """Draw the field at a time [s] on the map to which the grid belongs.
 
-        ends: those of the colour scale, unless the look sets them.
+        ends: those of the colour scale, unless the look sets them.  within: the map is part of a
+        figure of the user: the field and the day are its title if it has none, without a caption.
         """
         values, (_, _, x, y) = self.values(time), self.grid
         low, high = self.look.limits or ends or limits(values, self.kind)
@@ -117,11 +132,15 @@ class Drawing:
         notes = [self._contoured(axes, values, (low, high)), *self._overlaid(axes, time)]
         draw_graticule(axes, self.grid)
         _draw_scale(axes, image, self.kind)
-        _write_titles(axes, self.source, self.kind, time)
+        when = [] if time is None else [f"day {time / DAY:.4g}"]
+        if within:
+            axes.set_title(axes.get_title() or ", ".join([self.kind.title, *when]))
+            return
+        _write_titles(axes, self.source, [self.kind.title, *when])
         axes.annotate(
             "  ".join(filter(None, notes)), (0.5, 0.0), xycoords="axes fraction", va="top",
             xytext=(0.0, -CAPTION), textcoords="offset points", ha="center", fontsize=8.5,
-            color="0.35", parse_math=False,
+            alpha=PALE, parse_math=False,
         )  # fmt: skip
 
     def _contoured(self, axes: GeoAxes, values: Array, ends: tuple[float, float]) -> str:
@@ -170,25 +189,26 @@ class Drawing:
 
 
 def _draw_scale(axes: GeoAxes, image: AxesImage, kind: FieldStyle) -> None:
-    numbers = ScalarFormatter(useOffset=False, useMathText=True)
-    numbers.set_powerlimits((-3, 5))
-    bar = axes.figure.colorbar(
-        image, ax=axes, orientation="horizontal", shrink=0.6, aspect=40, pad=0.07, format=numbers
-    )
     ends = np.array(image.get_clim(), dtype=float)
+    power = math.floor(math.log10(np.abs(ends).max()))
+    power = 0 if -3 <= power < 5 else power
+    bar = axes.figure.colorbar(
+        image, ax=axes, orientation="horizontal", shrink=0.6, aspect=40, pad=0.07,
+        format=lambda value, _: f"{value / 10.0**power:.10g}".replace("-", "−"),
+    )  # fmt: skip
     if np.ptp(ends) < 1e-3 * np.abs(ends).max():  # few numbers fit, because they are long
         bar.locator = MaxNLocator(4)
     bar.outline.set_linewidth(0.5)
     bar.ax.tick_params(labelsize=9, width=0.5)
-    bar.set_label(f"{kind.title} [{kind.units}]".removesuffix(" []"), fontsize=10)
+    units = kind.units if power == 0 else f"10$^{{{power}}}$ {kind.units}"
+    bar.set_label(f"{kind.title} [{units}]".removesuffix(" []"), fontsize=10)
 
 
-def _write_titles(axes: GeoAxes, source: Source, kind: FieldStyle, time: float | None) -> None:
+def _write_titles(axes: GeoAxes, source: Source, parts: list[str]) -> None:
     low = SUBTITLE + LABELS * isinstance(axes.projection, Stereographic)
     name = str(source.attributes.get("scene", ""))
     title = f"{name}: {source.title}" if name and name not in source.title else source.title
     axes.set_title(title, fontsize=14, fontweight="bold", pad=SUBTITLE + TITLE, parse_math=False)
-    parts = [kind.title] + ([] if time is None else [f"day {time / DAY:.4g}"])
     if isinstance(source, Nodal):
         parts += [f"ne{source.mesh.ne} np{source.mesh.np}"]
         parts += [f"Schmidt {source.mesh.stretch:g}"] if source.mesh.stretch != 1.0 else []
@@ -196,6 +216,6 @@ def _write_titles(axes: GeoAxes, source: Source, kind: FieldStyle, time: float |
         if isinstance(dt := source.attributes.get("dt"), (int, float)):
             parts += [f"Δt = {float(f'{dt:.4g}'):g} s"]
     axes.annotate(
-        "  ·  ".join(parts), (0.5, 1.0), xycoords="axes fraction", xytext=(0.0, low), color="0.3",
+        "  ·  ".join(parts), (0.5, 1.0), xycoords="axes fraction", xytext=(0.0, low), alpha=PALE,
         textcoords="offset points", ha="center", va="bottom", fontsize=10, parse_math=False,
     )  # fmt: skip

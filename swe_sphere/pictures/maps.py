@@ -29,6 +29,10 @@ GLOBE = crs.Globe(ellipse=None, semimajor_axis=EARTH.radius, semiminor_axis=EART
 """Globe of all maps: cartopy's own is an ellipsoid."""
 
 
+STILL = 0.02
+"""Winds weaker than this part of the strongest are not drawn."""
+
+
 class MapGrid(NamedTuple):
     """Points (rows, columns): lon, lat [rad], and x, y in the coordinates of a map."""
 
@@ -109,7 +113,7 @@ def place(axes: GeoAxes, lon: Array, lat: Array) -> Array:
 
 def draw_graticule(axes: GeoAxes, grid: MapGrid) -> None:
     """Draw parallels and labelled meridians; a globe seen from outside has no labels."""
-    style, projection = {"size": 7.5, "color": "0.35"}, axes.projection
+    style, projection = {"size": 7.5, "alpha": 0.7}, axes.projection
     labels: Any = ["x", "y", "left", "bottom", "geo"]
     if isinstance(projection, crs.Stereographic):
         labels = True
@@ -158,22 +162,24 @@ def draw_winds(axes: GeoAxes, mesh: Mesh, fields: dict[str, Array], how: str) ->
     if strongest == 0.0:
         return strongest
     there, direction = _direction(axes, grid, u, v)
-    along, up = np.moveaxis(direction * speed[..., None], -1, 0)
+    seen = np.where(speed > STILL * strongest, speed, np.nan)
+    along, up = np.moveaxis(direction * seen[..., None], -1, 0)
     if how == "arrows":
         apart = float(grid.x[0, 1] - grid.x[0, 0])
         same = np.abs(there - np.stack([grid.x, grid.y], axis=-1)).max(axis=-1) < 1e-3 * apart
-        shown = same & (speed > 0.02 * strongest) & np.isfinite(along)
+        shown = same & np.isfinite(along)
         axes.quiver(
-            grid.x[shown], grid.y[shown], along[shown], up[shown], units="width", width=0.0011,
-            headwidth=4.0, color="0.1", zorder=4, scale_units="xy", pivot="mid", angles="xy",
-            scale=strongest / (1.2 * apart),
+            grid.x[shown], grid.y[shown], along[shown], up[shown], units="inches", width=0.011,
+            headwidth=4.0, color="0.1", edgecolor="white", linewidth=0.2, zorder=4,
+            scale_units="xy", pivot="mid", angles="xy", scale=strongest / (1.2 * apart),
         )  # fmt: skip
     else:
+        inches = axes.get_window_extent().width / axes.figure.dpi
         # matplotlib's method, because cartopy would interpolate the wind to another grid
         Axes.streamplot(
             axes, grid.x, grid.y, np.ma.masked_invalid(along), np.ma.masked_invalid(up),
-            density=1.6, color="0.1", linewidth=0.35 + 0.75 * speed / strongest, arrowsize=0.6,
-            arrowstyle="->", zorder=4,
+            density=1.6 * min(1.0, inches / 7.0), color="0.1", arrowsize=0.6, arrowstyle="->",
+            linewidth=0.35 + 0.75 * speed / strongest, zorder=4,
         )  # fmt: skip
     return strongest
 

@@ -4,12 +4,12 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 from subprocess import CalledProcessError
-from typing import Any
+from typing import Any, Self
 
 import matplotlib as mpl
 import numpy as np
 from cartopy.mpl.geoaxes import GeoAxes
-from matplotlib.animation import FFMpegWriter, PillowWriter
+from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from rich.console import Console
@@ -18,7 +18,7 @@ from rich.text import Text
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import building, check_free, clear_errors
 from swe_sphere.io.reference_solution import Exact, open_source
-from swe_sphere.io.runfile import Frame, Nodal, RunFile, Source
+from swe_sphere.io.runfile import Nodal, RunFile, Source
 from swe_sphere.io.scalar_fields import check_field
 from swe_sphere.pictures.drawing import Drawing, limits
 from swe_sphere.pictures.look import Look
@@ -95,16 +95,21 @@ def size(axes: GeoAxes, panel: bool = False) -> tuple[float, float]:
 
 
 def draw_state(
-    state: Frame, field: str | None = None, ax: GeoAxes | None = None, look: Look | None = None
+    state: Nodal,
+    field: str | None = None,
+    ax: GeoAxes | None = None,
+    look: Look | None = None,
+    time: float | None = None,
 ) -> GeoAxes:
     """Draw a state in memory on a map; return the map.
 
-    ax: axes of cartopy, whose projection and extent replace those of the look; None: a new figure.
+    time [s]: the frame, None for the last.  ax: axes of cartopy, whose projection, extent and title
+    stay; None: a new figure, with titles and a caption.
 
     Raises ConfigError for a missing field, and for axes that are not of cartopy.
     """
-    look, field = look or Look(), check_field(field or default_field(state), state.fields)
-    if ax is None:
+    look, field = look or Look(), check_field(field or default_field(state), state.about)
+    if not (within := ax is not None):
         from matplotlib import pyplot
 
         figure = pyplot.figure(layout="constrained")
@@ -116,7 +121,8 @@ def draw_state(
         )
     elif ax.get_autoscale_on():
         ax.set_global()
-    Drawing(state, field, look, grid_of(ax, ROWS)).draw(ax, state.time)
+    time = state.nearest(time)
+    Drawing(state, field, look, grid_of(ax, ROWS)).draw(ax, time, within=within)
     return ax
 
 
@@ -135,27 +141,43 @@ def animate_file(
     Returns out, which gets its name when it is complete. Raises ConfigError if the file cannot be
     read or has less than two frames, or if the film cannot be written.
     """
-    source, look = RunFile(path), look or Look()
+    source = RunFile(path)
     field = check_field(field or default_field(source), source.about)
     out = source.path.with_name(f"{source.path.stem}_{field}.mp4") if out is None else Path(out)
-    if source.times.size < 2:
-        raise ConfigError(f"{path} holds less than two frames: run with a smaller --every")
     check_free(out, overwrite)
     with clear_errors(f"cannot write {out}"), mpl.rc_context():
-        writer, figure = _film_writer(out, rate), new_figure()
+        writer, film = _film_writer(out, rate), Film.of(source, field, look or Look(), rate)
+        try:
+            with building(out) as part:
+                film.save(part, writer, dpi=FILM_DOTS_PER_INCH)
+        except CalledProcessError as error:
+            raise ConfigError(f"cannot write {out}: the encoder failed: {error.stderr}") from None
+    return out
+
+
+class Film(FuncAnimation):
+    """An animation of matplotlib, which a notebook shows; `save` writes it to a file."""
+
+    @classmethod
+    def of(cls, source: Nodal, field: str, look: Look, rate: float) -> Self:
+        """Draw all frames of a source with one scale of colours, so many a second."""
+        if source.times.size < 2:
+            raise ConfigError(f"{source.path} holds less than two frames: run with a smaller every")
+        figure = new_figure()
         axes = new_map(figure, look)
         figure.set_size_inches(*size(axes))
         drawing = Drawing(source, field, look, grid_of(axes, FILM_ROWS))
         ends = np.array([limits(drawing.values(time), drawing.kind) for time in source.times])
-        try:
-            with building(out) as part, writer.saving(figure, str(part), FILM_DOTS_PER_INCH):
-                for time in source.times:
-                    figure.clear()
-                    drawing.draw(new_map(figure, look), time, (ends.min(), ends.max()))
-                    writer.grab_frame()
-        except CalledProcessError as error:
-            raise ConfigError(f"cannot write {out}: the encoder failed: {error.stderr}") from None
-    return out
+
+        def draw(time: float) -> None:
+            figure.clear()
+            drawing.draw(new_map(figure, look), time, (ends.min(), ends.max()))
+
+        interval = 1e3 / min(max(rate, 0.1), 120.0)
+        return cls(figure, draw, source.times, interval=interval, cache_frame_data=False)
+
+    def _repr_html_(self) -> str:
+        return str(self.to_jshtml(default_mode="loop"))
 
 
 def _film_writer(out: Path, rate: Any) -> PillowWriter | FFMpegWriter:
@@ -196,7 +218,7 @@ class LivePicture:
                 "live: pictures need a terminal with colours; leave it out, or draw with --plot"
             )
 
-    def draw(self, frame: Frame, time: float, caption: str) -> None:
+    def draw(self, frame: Nodal, time: float, caption: str) -> None:
         """Draw the frame of a time [s]; the caption is completed with the field and its range."""
         first = self._drawing is None
         if self._drawing is None:

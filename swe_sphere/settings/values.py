@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
-from swe_sphere.errors import ConfigError, shown
+from swe_sphere.errors import ConfigError, shown, unknown_name
 
 SCENE, STEPPER = "scene", "stepper"
 """Owners of settings that are not effects."""
@@ -162,9 +162,8 @@ def validated(model: type[M], values: Mapping[str, object]) -> M:
         name = flag_of(str(first["loc"][0])) if first["loc"] else "configuration"
         line = f"{name}: {complaint(error)}, got {shown(first['input'])}"
         if first["type"] == "extra_forbidden":
-            names = ", ".join(sorted(map(flag_of, model.model_fields)))
-            line = f"there is no option {name!r}; there are {names}"
-        elif first["type"] == "missing":
+            raise unknown_name("option", str(first["loc"][0]), sorted(model.model_fields)) from None
+        if first["type"] == "missing":
             line = f"{name}: name one to run (see swe-sphere list)"
         raise ConfigError(line) from None
 

@@ -287,23 +287,24 @@ class Initial:
         import xarray as xr  # takes its time to import
 
         from swe_sphere.analysis.accessor import Analysis
-        from swe_sphere.io.runfile import Frame, RunFile
+        from swe_sphere.io.runfile import Frame, Nodal, RunFile
 
         self._given, self._points = given, numpy.empty(0)
         time = None if day is None else day * DAY
         if callable(given) and day is None:
             return
+        run: Nodal
         if isinstance(given, xr.Dataset):
-            name, frame = "a dataset", Analysis(given).frame(time)
+            name, run = "a dataset", Analysis(given).frames
         elif isinstance(given, str | Path):
-            run = RunFile(given)
-            time = run.nearest(time)
-            name, frame = Path(given).name, Frame(run.mesh, run.frame(time), time, run.attributes)
+            name, run = Path(given).name, RunFile(given)
         else:
             also = "" if day is None else "; initial-time chooses a frame of it"
             raise ConfigError(
                 f"initial: give a file, a dataset or a function, got {shown(given)}{also}"
             )
+        time = run.nearest(time)
+        frame = Frame(run.mesh, run.frame(time), time, run.attributes)
         self._frame, digest = frame, hashlib.sha256()
         for field, values in sorted(frame.fields.items()):
             digest.update(field.encode() + numpy.ascontiguousarray(values).tobytes())

@@ -1,8 +1,8 @@
 """The configuration of a run: one frozen object, from flags, a TOML file, or Python."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypedDict
 
 from pydantic import (
     AfterValidator,
@@ -151,7 +151,8 @@ class RunConfig(SharedConfig):
     out: FileName | None = None
     """Output file: netCDF, or a Zarr store if it ends in .zarr."""
     fields: Annotated[tuple[str, ...], BeforeValidator(_names)] = ()
-    """Fields to write: h, u, v, vorticity, divergence, q_TRACER, custom ones (default: all)."""
+    """Fields to write: h, u, v, vorticity, divergence, q_TRACER, custom ones (default: all of
+    these), potential_vorticity, kinetic_energy."""
     overwrite: bool = False
     """Replace an existing file."""
     every: Annotated[Positive, Field(le=24.0 * LONGEST_DAYS)] | None = None
@@ -197,6 +198,35 @@ class RunConfig(SharedConfig):
     def given(self) -> dict[str, Any]:
         """Return the requested values, without the defaults."""
         return {name: getattr(self, name) for name in sorted(self.model_fields_set)}
+
+
+class Keywords(TypedDict, total=False):
+    """Fields of `RunConfig` that `Simulation` accepts as keywords."""
+
+    ne: int | None
+    np: int | None
+    stretch: float
+    centre_lon: float
+    centre_lat: float
+    spin: float
+    dt: float | Literal["auto"]
+    days: float | None
+    every: float | None
+    adaptive: float | None
+    tolerance: float | None
+    tracer_steps: int | Literal["auto"]
+    alpha: float | None
+    settings: Mapping[str, object] | Sequence[str]
+    fields: str | Sequence[str]
+    diagnostics: Sequence[str | Path]
+    initial_time: float | None
+    reference: str | Path | None
+    energy_growth: float | None
+    time_limit: float | None
+    trust: Sequence[str | Path]
+    device: str
+    precision: Literal["float64", "float32"]
+    launch: Literal["element", "node"] | None
 
 
 def make_config(values: Mapping[str, object]) -> RunConfig:

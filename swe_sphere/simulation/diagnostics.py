@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 
     from swe_sphere.equations.model import Model
     from swe_sphere.io.reference_solution import Reference
-    from swe_sphere.io.runfile import Frame
 
 Fields = dict[str, Array]
 Numbers = dict[str, float]
@@ -126,13 +125,6 @@ class Snapshot:
         """Fields (N,) of user-defined diagnostics; raises RunFailed if one fails."""
         return {name: value for name, value in self.own.items() if value.ndim}
 
-    def frame(self) -> Frame:
-        """Return all fields, those of user-defined diagnostics among them, as a frame of a file."""
-        from swe_sphere.io.runfile import Frame  # xarray takes its time to import
-
-        fields, about = self.all_fields | self.own_fields, self.own_attributes
-        return Frame(self.model.mesh, fields, self.time, self.sim.attributes(), about)
-
     @property
     def own_attributes(self) -> dict[str, dict[str, str]]:
         """Attributes in files of the variables of user-defined diagnostics, by name."""
@@ -207,8 +199,8 @@ def called(what: str, function: Callable[..., T], *arguments: Any) -> T:
 NAMES = tomllib.loads(Path(__file__).with_name("names.toml").read_text("utf-8"))
 """Names of values in files and summaries, which no diagnostic may have."""
 TAKEN = frozenset({
-    *NAMES["keys"], *NAMES["others"], *(name for names in VARIABLES.values() for name in names),
-    *MESH_ATTRIBUTES, *TOPOLOGY,
+    *NAMES["keys"], *NAMES["others"], *MESH_ATTRIBUTES, *TOPOLOGY,
+    *(name for kind, names in VARIABLES.items() if kind != "derived" for name in names),
 })  # fmt: skip
 
 

@@ -233,6 +233,19 @@ class Recorder(Observer):
             self._writer.close()
 
 
+class Keeper(Observer):
+    """Keeps the frames of a run in memory: a dataset each, by the number of steps."""
+
+    def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
+        self._plan, self.frames = plan, {snapshot.steps: snapshot.sim.to_xarray()}
+
+    def due(self, step: int) -> bool:
+        return self._plan.is_frame(step)
+
+    def observe(self, snapshot: Snapshot) -> None:
+        self.frames[snapshot.steps] = snapshot.sim.to_xarray()
+
+
 @dataclass
 class Ticker(Observer):
     """Calls a function with the number of steps so far about ten times a second."""
@@ -353,7 +366,7 @@ def live_view(field: str, comm: Any) -> Callback:
     comm.on_root(picture.check_terminal)
 
     def draw(sim: Any) -> None:
-        frame = sim.snapshot.frame()
+        frame = sim.to_xarray().swe.frames
         caption = f"day {sim.time / DAY:.2f} of {sim.days:g}, {sim.scene.name}"
         comm.on_root(lambda: picture.draw(frame, sim.time, caption))
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 from functools import cached_property, partial, wraps
 from pathlib import Path
 from threading import RLock
-from typing import TYPE_CHECKING, Any, NoReturn, Self, TypeVar, cast
+from typing import TYPE_CHECKING, Any, NoReturn, Self, TypeVar, Unpack, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +29,9 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.ranks.communicator import world
 from swe_sphere.ranks.limits import command_began
-from swe_sphere.settings.values import convert, validated
+from swe_sphere.settings.values import convert
 from swe_sphere.simulation import build, planning
-from swe_sphere.simulation.config import RunConfig, make_config
+from swe_sphere.simulation.config import Keywords, RunConfig, make_config
 from swe_sphere.simulation.diagnostics import (
     NAMES,
     Diagnostic,
@@ -47,6 +47,7 @@ from swe_sphere.simulation.loop import Interrupted, Interruption, Loop
 from swe_sphere.simulation.observers import (
     Callback,
     HealthCheck,
+    Keeper,
     Observer,
     ProgressBar,
     Recorder,
@@ -71,6 +72,7 @@ if TYPE_CHECKING:
 
     from swe_sphere.equations.effects import Effect
     from swe_sphere.io.reference_solution import Reference
+    from swe_sphere.pictures.plot import Film
     from swe_sphere.steppers import Trajectory
 
 T = TypeVar("T")
@@ -145,7 +147,7 @@ class Simulation:
         options: Mapping[str, object] | None = None,
         resumed: Restart | None = None,
         initial: Any = None,
-        **settings: Any,
+        **settings: Unpack[Keywords],
     ) -> None:
         from swe_sphere.steppers import get_stepper
 
@@ -217,6 +219,7 @@ class Simulation:
         """Wall time, and CPU time of all threads, of steps without compiling and observing [s]."""
         self._plan: RunPlan | None = None
         self._stepper: Trajectory | None = None
+        self._kept: Keeper | None = None
         self._snapshot: Snapshot | None = None
         self._lengths: list[tuple[int, float, float]] = []
         """Lengths of steps so far [s], each with the number of steps and the time before it [s]."""
@@ -227,7 +230,9 @@ class Simulation:
             self._start_stepper()
 
     @classmethod
-    def from_checkpoint(cls, path: str | Path, scene: Any = None, **settings: Any) -> Self:
+    def from_checkpoint(
+        cls, path: str | Path, scene: Any = None, **settings: Unpack[Keywords]
+    ) -> Self:
         """Resume from a checkpoint, or from the last frame of the file of a run, bit for bit.
 
         scene: needed if it was given as an object.  settings: as of `Simulation`; the stepper, the
@@ -457,6 +462,7 @@ class Simulation:
         callbacks: Iterable[Any] = (),
         time_limit: float | None = None,
         overwrite: bool = False,
+        keep: bool = False,
         progress: bool | None = None,
         warn: Warn | None = None,
         raises: bool = True,
@@ -472,6 +478,7 @@ class Simulation:
                 or observers.
             time_limit: wall time that the run may take [s], start-up and writing included.
             overwrite: replace an existing file `out`; a run that has reached its end begins again.
+            keep: keep the frames in memory, as `frames`.
             progress: whether to show a bar; None: in a notebook or on a terminal.
             warn: called with each warning; None: `warnings.warn`.
             raises: whether a signal that ended the run takes effect after it.
@@ -506,6 +513,9 @@ class Simulation:
             observers.append(ProgressBar())
         self.warn = warn or self._warn
         self._warn_of_run()
+        self._kept = Keeper() if keep else None
+        if self._kept is not None:
+            observers.append(self._kept)
         try:
             if config.out is not None:
                 if self.steps:  # a spoilt state must not replace the last good one in the file
@@ -672,8 +682,33 @@ class Simulation:
         from swe_sphere.analysis import accessor  # noqa: F401 - registers `ds.swe`
         from swe_sphere.io.layout import frame_dataset
 
-        now = self.snapshot.frame()
-        return frame_dataset(now.mesh, now.fields, now.time, now.attributes, now.about)
+        now = self.snapshot
+        fields, own = now.all_fields | now.own_fields, now.own_attributes
+        return frame_dataset(self.mesh, fields, now.time, self.attributes(), own)
+
+    @property
+    def frames(self) -> xr.Dataset:
+        """Frames of the last run: those that `run(keep=True)` kept, else those in its file.
+
+        Raises ConfigError where the last run has neither.
+        """
+        import xarray as xr
+
+        from swe_sphere.analysis.accessor import open_run
+
+        if self._kept is not None:
+            same: Any = {"data_vars": "minimal", "coords": "minimal", "compat": "override"}
+            kept = [*self._kept.frames.values()]
+            frames: xr.Dataset = xr.concat(kept, "time", combine_attrs="override", **same)
+            return frames
+        if self.config.out is None:
+            raise ConfigError("the last run kept no frames: call run(keep=True) or run(out=...)")
+        return open_run(self.config.out)
+
+    def animate(self, field: str | None = None, **options: Any) -> Film:
+        """Draw all `frames` as a film, which a notebook shows; options: as of `ds.swe.animate`."""
+        film: Film = self.frames.swe.animate(field, **options)
+        return film
 
     @exclusive
     def plot(self, field: str | None = None, ax: GeoAxes | None = None, **look: Any) -> GeoAxes:
@@ -684,10 +719,8 @@ class Simulation:
         `swe_sphere.pictures.look.Look`.
         Raises ConfigError for an unknown field.
         """
-        from swe_sphere.pictures.look import Look
-        from swe_sphere.pictures.plot import draw_state
-
-        return draw_state(self.snapshot.frame(), field, ax, validated(Look, look))
+        axes: GeoAxes = self.to_xarray().swe.plot(field, ax=ax, **look)
+        return axes
 
     @exclusive
     def checkpoint(self, path: str | Path) -> Path:

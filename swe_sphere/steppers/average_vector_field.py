@@ -112,7 +112,6 @@ class AverageVectorField(ImplicitStepper):
     """
 
     name, order = "average-vector-field", 2
-    style = ("#6E3548", "8")
     default_tolerance = 1e-6
     error_constant = 1.0 / 12.0  # the midpoint rule's
     equations = AverageProblem

@@ -94,7 +94,6 @@ class TRBDF2(DiagonallyImplicit):
     """
 
     name, order = "tr-bdf2", 2
-    style = ("#009E73", "d")
     default_tolerance = 1e-2
     estimate_order = 3
     _d, _w = 1.0 - math.sqrt(0.5), math.sqrt(2.0) / 4.0
@@ -123,7 +122,6 @@ class BDF2(ImplicitStepper):
     """
 
     name, order = "bdf2", 2
-    style = ("#516CF6", "^")
     default_tolerance = 1e-2
     memory = "state", "previous"
     penalised_at = 1.0

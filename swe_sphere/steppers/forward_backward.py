@@ -236,7 +236,6 @@ class ForwardBackward(SplitExplicit):
     diffusion_order = 1
     repeats_from: ClassVar[int] = 2
     at_once = 2
-    style = ("#080123", (9, 1, 0))
     waves: ClassVar[Triple] = (1 / 5, 1 / 3, 3 / 20)
     """The wind, mass and gamma of `level_weights`."""
     strong: ClassVar[Triple] = (1 / 5, 1 / 5, 1 / 5)
@@ -312,7 +311,6 @@ class ForwardBackwardRK3(SplitExplicit):
 
     name, order = "fb-rk3", 2
     repeats_from = 0
-    style = ("#B7DC5D", (10, 1, 0))
     fractions: ClassVar[tuple[float, ...]] = (1 / 3, 1 / 2, 1.0)
     """Length of each stage, which begins with the step, as a fraction of the step."""
     weights: ClassVar[tuple[float, ...]] = (0.359, 0.578, 0.234)

@@ -122,7 +122,6 @@ class GaussLegendre(ImplicitStepper):
     """
 
     name, order = "gauss-legendre", 4
-    style = ("#5229A3", (6, 1, 0))
     default_tolerance = 1e-4
     error_constant = error_constant(np.array(A), np.array(B), order)
 

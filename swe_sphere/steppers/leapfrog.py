@@ -32,7 +32,6 @@ class Leapfrog(Stepper):
     repeats_from = 1
     at_once = 2
     reach = 2.0
-    style = ("#D55E00", "s")
 
     default_strength: ClassVar[float] = 0.1
     """Strength nu of the filter (Robert's coefficient 0.05 in other notation)."""
@@ -108,7 +107,6 @@ class SemiImplicit(ImexStepper, Leapfrog):
     memory = "state", "previous", "guess"  # `guess` is the last change of depth
     default_tolerance = 1e-2
     error_constant = 1.0 / 6.0  # leapfrog's, dt^3/3 of the third derivative, of a change of 2 dt
-    style = ("#E69F00", "D")
 
     def allocate(self) -> None:
         self._change, self._difference = self.model.zeros(), self.model.zeros()

@@ -30,8 +30,6 @@ Family = Literal["explicit", "imex", "exponential", "implicit"]
 """Family of a method, in this order: all terms are explicit; linear gravity waves are implicit;
 the linear part is exact; all terms are implicit."""
 
-Marker = str | tuple[int, Literal[1], int]
-"""Marker of matplotlib: a letter, or a star's points, 1, and its rotation [degrees]."""
 
 STEPPERS: "Registry[Stepper]" = Registry(
     "stepper",
@@ -174,8 +172,6 @@ class Stepper(Trajectory, ABC):
     family: ClassVar[Family] = "explicit"
     estimate_order: ClassVar[int | None] = None
     """Power of dt to which the error estimate is proportional; None without an estimate."""
-    style: ClassVar[tuple[str, Marker] | None] = None
-    """Colour and marker in pictures; None for any unused one."""
     diffusion_apart: bool = True
     """True if diffusion is applied separately, so that it limits no step."""
     diffusion_steps: ClassVar[int | None] = None

@@ -1,6 +1,7 @@
 """The figures of a sweep: looks of steppers, and curves through runs on logarithmic axes; SVG."""
 
 import math
+import tomllib
 from base64 import b64encode
 from collections.abc import Iterator
 from io import StringIO
@@ -15,16 +16,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from swe_sphere.pictures.panels import COLOURS
-from swe_sphere.steppers import STEPPERS
-from swe_sphere.steppers.stepper import Marker
 from swe_sphere.studies import words
 from swe_sphere.studies.report.ranking import FAILED, Metric, with_cost
 
+Marker = str | tuple[int, int, int]
 INK, FAINT = "#1b1f24", "#6e7781"
 STYLE = Path(__file__).with_name("templates") / "figures.mplstyle"
-MARKERS = ("8", "H", "d", "*", "X")
-"""Markers of steppers that declare none."""
+LOOKS = tomllib.loads(STYLE.with_name("looks.toml").read_text("utf-8"))
+"""Colours and markers of the steppers of the package."""
+CUSTOM = ("#00005a", "#3c0000", "#961e00", "#96965a"), ("1", "2", "3", "4", "+")
+"""Colours and markers of other steppers, which are far from those of the package."""
 SIZE = (5.4, 3.7)
 """Size of a figure [inches]: on a telephone a point of text is about a pixel."""
 SMALLEST = 1e-17
@@ -39,10 +40,13 @@ LIMITS = (
 
 
 def look(stepper: str) -> tuple[str, Marker]:
-    """Return the colour and marker of a stepper; of one without, always the same for its name."""
-    declared = STEPPERS[stepper].style if stepper in STEPPERS else None
+    """Return the colour and marker of a stepper; of a custom one, always the same for its name."""
+    if stepper in LOOKS:
+        colour, marker = LOOKS[stepper]
+        return colour, marker if isinstance(marker, str) else tuple(marker)
     place = sum((i + 1) * byte for i, byte in enumerate(stepper.encode()))
-    return declared or (COLOURS[place % len(COLOURS)], MARKERS[place // 7 % len(MARKERS)])
+    colours, markers = CUSTOM
+    return colours[place % len(colours)], markers[place // 4 % len(markers)]
 
 
 class Picture(NamedTuple):
