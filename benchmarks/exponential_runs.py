@@ -1,8 +1,9 @@
 """Sections on exponential steppers: what accuracy costs, and how long their steps may be."""
 
 import numpy as np
-from implicit_common import DAYS, Run, Section, run
+from implicit_common import DAYS, Run, run
 from implicit_runs import SHIPPED
+from sections import Section
 
 from swe_sphere.errors import RunFailed
 from swe_sphere.io.integrals import norms

@@ -23,9 +23,8 @@ from unittest.mock import patch
 import typer
 import warp as wp
 from generated import cost
-from implicit_common import Section
 from ptx import MachineCode, assemble, compile_ptx, kernels_of, vector_kernels
-from sections import write_page
+from sections import Section, measure
 
 from swe_sphere import Simulation
 from swe_sphere.errors import ConfigError
@@ -35,36 +34,6 @@ from swe_sphere.operators.device_mesh import REALS
 from swe_sphere.planet import DAY
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene, list_scenes
-
-HEAD = """# GPUs
-
-`--device cuda:0` runs a simulation on a GPU. On an H200 a step of `forward-backward` at ne 240,
-np 4 takes 0.54 ms in double precision, 98 ps an element node, and moves its bytes at 0.86 of the
-speed of a large copy; a simulated day of williamson5 at ne 120 takes 0.31 s. Meshes below ne 60
-do not fill such a GPU. Implicit steps gain less from it: `bdf2` with steps of 1 h takes 3.2 times
-as long as `forward-backward` at ne 120, and 12 times at ne 30, where the time between launches
-counts.
-
-Final states on that GPU agree with those on a CPU to 5e-9 for every stepper, and to rounding
-errors where no iteration ends on a tolerance.
-
-The kernels of a GPU run one thread a node. `--launch node` runs the same kernels on a CPU, and
-`swe-sphere verify --launch node` puts them through the whole verification suite. A block holds
-whole elements. Its threads share in shared memory what right-hand sides and derivatives sum along
-lines, so that each value is loaded and computed once. Explicit steps of scenes whose wind and
-forcing do not change in time are captured once as a graph and then launched as a whole; on
-several ranks they are divided into pieces between messages, and a limiter of tracers is then
-launched kernel by kernel.
-
-No step copies a state to the host, nor does the check whether a solution still makes sense. Three
-things do: the set-up of a preconditioner reads the depth (and `jacobian-direct`, whose factors
-are on the host, reads the flow in every step); a finite difference in the place of a derivative,
-for an effect that has none, measures the state on the host; and winds and forcings that change in
-time are evaluated by numpy and sent. Tracer steps that are longer than those of the flow copy one
-number to the host each, the strongest wind. [Several processes](../howto/parallel.md) share a run
-on GPUs as on CPUs.
-
-Made by `python benchmarks/gpu.py`; its sections `steps`, `days` and `agreement` need a GPU."""
 
 ARCHITECTURES = (80, 90)
 
@@ -84,12 +53,12 @@ DEVICES = Device("A100 80 GB SXM", 2.039e12, 9.7e12), Device("H100 SXM", 3.35e12
 
 
 def main(names: Annotated[list[str] | None, typer.Argument(help="Sections.")] = None) -> None:
-    """Make the page anew."""
+    """Measure sections."""
     sections = {"kernels": machine_code, "traffic": traffic}
     measured = {"steps": steps, "days": days, "agreement": agreement}
     if not names and wp.get_cuda_device_count() == 0:
         names = list(sections)
-    write_page("gpu", HEAD, measured | sections, names or [])
+    measure("gpu", measured | sections, names or [])
 
 
 # --- measured

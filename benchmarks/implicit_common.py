@@ -26,18 +26,6 @@ MOUNTAIN = (270.0, 30.0)
 
 
 @dataclass
-class Section:
-    """One table of the page."""
-
-    title: str
-    note: str
-    columns: list[str]
-    rows: list[list[str]]
-    figure: str = ""
-    """File beside the page, if there is one."""
-
-
-@dataclass
 class Run:
     """What one run cost and where it ended."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from unittest.mock import patch
 
-from implicit_common import Section
+from sections import Section
 
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh

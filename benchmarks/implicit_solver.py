@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import warp as wp
-from implicit_common import Section, interleaved, run
+from implicit_common import interleaved, run
+from sections import Section
 from threadpoolctl import threadpool_limits
 
 from swe_sphere.equations.model import Model

@@ -1,12 +1,11 @@
 """Kernels beside C by hand and beside what the machine can do, in ns an element node, on one core.
 
-    python benchmarks/kernel_bound.py [--rounds 400] [--write docs/results]
-    python benchmarks/kernel_bound.py --large [--rounds 20] [--write docs/results]
+    python benchmarks/kernel_bound.py [kernels] [large]
 
 All cases of one mesh and precision are evaluated in turn, one call each, so that a busy moment
 meets all of them.  Meshes have about 25 000 element nodes, whose arrays fit into the last cache;
-with --large np is 4 and meshes grow from there to a hundred times the size of the second-level
-cache.  Each form replaces its own table in the page.
+in `large` np is 4 and meshes grow from there to a hundred times the size of the second-level
+cache.
 """
 
 from __future__ import annotations
@@ -16,12 +15,12 @@ import shutil
 import statistics
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -29,10 +28,9 @@ import typer
 import warp as wp
 from effect_cost import recorded
 from matplotlib.ticker import FixedLocator, NullFormatter
-from rich.console import Console
+from sections import PAGES, Section, command
 
 from swe_sphere.equations.model import Model
-from swe_sphere.files.fingerprints import machine
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.replay import Replay
 from swe_sphere.steppers import get_stepper
@@ -48,8 +46,8 @@ PARTS = ("local", "DSS", "whole", "stage")
 COPIED = 2 << 20
 """Bytes of a copy: in the last cache, as the arrays of a mesh."""
 LARGE = (16, 30, 60, 120)
-"""Elements along a face's edge with --large."""
-ROUNDS_OF_ARITHMETIC = 2000
+"""Elements along a face's edge of `large`."""
+ROUNDS, ROUNDS_LARGE, ROUNDS_OF_ARITHMETIC = 400, 20, 2000
 
 
 @dataclass
@@ -210,34 +208,28 @@ def _seconds(call: Callable[[], object]) -> float:
     return time.process_time() - start
 
 
-def table(cases: list[Case]) -> str:
-    """Markdown: the least, and the median of the whole."""
-    head = ["np", "precision", *PARTS[:3], "median", "stage of rk4", "C: local", "DSS", "whole",
-            "stage", "Warp / C", "bytes / copy", "operations / peak"]  # fmt: skip
-    lines = [head, ["---"] * len(head), *(_row(case) for case in cases)]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+HEAD = ["np", "precision", *PARTS[:3], "median", "stage of rk4", "C: local", "DSS", "whole",
+        "stage", "Warp / C", "bytes / copy", "operations / peak"]  # fmt: skip
+LARGE_HEAD = ["ne", "precision", "right-hand side", "stage of rk4", "over ne 16", "C: whole",
+              "stage", "bytes / copy"]  # fmt: skip
 
 
-def large_table(cases: list[Case]) -> str:
-    """Markdown: the least times of a right-hand side and of a quarter of a step of rk4."""
-    head = ["ne", "precision", "right-hand side", "stage of rk4", "over ne 16", "C: whole", "stage",
-            "bytes / copy"]  # fmt: skip
-    lines, first = [head, ["---"] * len(head)], {case.precision: case for case in reversed(cases)}
+def large_rows(cases: list[Case]) -> list[list[str]]:
+    """The least times of a right-hand side and of a quarter of a step of rk4."""
+    rows, first = [], {case.precision: case for case in reversed(cases)}
     for case in cases:
         stage, limit = case.least("Warp", "stage"), case.bytes / case.bandwidth
         growth = stage / first[case.precision].least("Warp", "stage")
         least = (case.least("C", part) for part in ("whole", "stage"))
         numbers = case.least("Warp", "whole"), stage, growth, *least, limit
-        lines.append([str(case.ne), case.precision, *(f"{number:.2f}" for number in numbers)])
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+        rows.append([str(case.ne), case.precision, *(f"{number:.2f}" for number in numbers)])
+    return rows
 
 
 def _row(case: Case) -> list[str]:
     ours = [f"{case.least('Warp', part):.2f}" for part in PARTS]
     ours.insert(3, f"{statistics.median(case.times['Warp', 'whole']):.2f}")
     named = [str(case.np), case.precision, *ours]
-    if not case.peak:
-        return [*named, *["–"] * 7]
     bound = [f"{case.least('C', part):.2f}" for part in PARTS]
     ratio = f"{case.least('Warp', 'whole') / case.least('C', 'whole'):.2f}"
     limits = [f"{case.bytes / case.bandwidth:.2f}", f"{case.flops / case.peak:.2f}"]
@@ -272,103 +264,46 @@ def draw(cases: list[Case], path: Path) -> None:
     figure.savefig(path)
 
 
-PAGE = """# Performance of the kernels
-
-Time of one right-hand side of {scene} with DSS on one core, in nanoseconds an element node,
-beside a program in C that does the same with the same arrays (np known to its compiler,
-`{flags}`).
-Made by `python benchmarks/kernel_bound.py --write docs/results`: least of {rounds} calls of each
-made in turns, and the median of the whole, which tells how busy the machine was. {machine}.
-
-{table}
-
-*local*: the kernel over elements. *DSS*: the sum over what elements share, with the Coriolis
-force. *stage of rk4*: a quarter of a step (in C: the sum for the next stage, none for the step).
-Launches are recorded, as in steps: one by one from Python each adds about 7 microseconds.
-*bytes / copy*: every array moved once at the rate of a copy in the same cache.
-*operations / peak*: products and sums at the rate of registers. The larger of the two is a bound:
-arithmetic binds, the more so the higher np.
-
-![Roofline](performance.svg)
-
-What the kernels do for it:
-
-- A SIMD register holds one node of 8 elements (float32: 16). Nodes are numbered so that those of
-  one place in 16 elements follow one another; where they do, one load takes the place of 8 or 16.
-- Work arrays of a group of elements lie on cache lines, stay in the first-level cache and are
-  never set to zero.
-- Sums along lines and products at a node are taken in whole registers: of the last field of a sum
-  the compiler made four pieces, a sixth of the time.
-- Nodes inside elements ({inner4:.0f} % of all at np 4, {inner8:.0f} % at np 8) need no DSS: the
-  kernel over elements finishes them, unless dynamics and diffusion are taken at once or a term
-  other than rotation acts at a point. DSS begins behind them, eight nodes at once.
-- What elements finish and what DSS leaves is the next stage of a Runge-Kutta step and not a slope
-  to be read again: such a stage takes 1.07 to 1.11 times its right-hand side.
-- Loads and stores of DSS leave out what Warp adds for negative indices and strides.
-
-Products and sums are not contracted: a node gets the same bits whichever kernel finishes it, and
-so on any number of ranks. Contracted sums along lines took the same time.
-"""
-LARGE_PAGE = """
-## Large meshes
-
-np 4, in nanoseconds of CPU time an element node; made by
-`python benchmarks/kernel_bound.py --large --write docs/results`: least of {rounds} calls of each
-made in turns. {machine}.
-
-{table}
-
-*over ne 16*: the stage over the one on ne 16. *bytes / copy*: every array of a right-hand side
-moved once, at the rate of a copy of as many bytes.
-
-What one launch leaves has left the caches before the next one reads it, if a mesh is large. From
-38 400 element nodes on (ne 20 at np 4) a CPU therefore runs launches strip by strip: a strip is a
-few hundred elements, whose nodes are summed up and stepped while they are in the cache. Elements
-stand in rings around the cube, each of which touches the two rings beside it only. So the stages of
-a step follow one another over the rings like waves: the second stage begins as soon as the first
-one is two rings ahead. A whole step of rk4, and two steps of `forward-backward` and `leapfrog`,
-pass through memory once, with the same bits as one launch after the other. A launch that needs all
-of the launch before it ends a wave: a limiter, a sum over the sphere, forcing that changes in time,
-messages between ranks (`operators/strips.py`).
-
-The preconditioner of implicit steps runs in such waves as well: from the elimination of the wind to
-the restriction to coarse functions, and from their prolongation through all Chebyshev steps to the
-next restriction or the substitution.
-"""
-
-
-def main(
-    rounds: Annotated[int, typer.Option(min=3, help="Calls of each.")] = 400,
-    write: Annotated[Path | None, typer.Option(help="Folder for the page and picture.")] = None,
-    large: Annotated[bool, typer.Option("--large", help="Let meshes grow at np 4.")] = False,
-) -> None:
-    """Measure and print the table."""
-    wp.config.log_level = wp.LOG_WARNING
-    console, cases = Console(), []
+def cases_of(meshes: Iterable[tuple[int, int]], rounds: int) -> list[Case]:
+    """Measure meshes (ne, np) in both precisions; end the program where there is no C compiler."""
+    if shutil.which("cc") is None and shutil.which("gcc") is None:
+        raise SystemExit("install a C compiler (cc or gcc): its program is the bound")
     with TemporaryDirectory() as folder:
-        meshes = [(ne, 4) for ne in LARGE] if large else [(e, n) for n, e in ELEMENTS.items()]
-        for ne, np_ in meshes:
-            for precision in PRECISIONS:
-                library = compile_bound(np_, precision, folder)
-                cases.append(measure(ne, np_, precision, library, rounds))
-    found = large_table(cases) if large else table(cases)
-    console.print(found, markup=False, soft_wrap=True)
-    console.print(f"{machine()}; {rounds} calls of each in turn")
-    if not cases[0].peak:
-        console.print("No C compiler (cc or gcc) was found: the bound and the page are left out.")
-    elif write is not None and large:
-        page, _, _ = (write / "performance.md").read_text().partition("\n## Large meshes")
-        page += LARGE_PAGE.format(rounds=rounds, machine=machine(), table=found)
-        (write / "performance.md").write_text(page)
-    elif write is not None:
-        _, heading, others = (write / "performance.md").read_text().partition("\n## Large meshes")
-        draw(cases, write / "performance.svg")
-        inner4, inner8 = (100 * 6 * (ELEMENTS[n] * (n - 2)) ** 2 / _size(n) for n in (4, 8))
-        page = PAGE.format(
-            scene=SCENE, flags=" ".join(FLAGS), rounds=rounds, machine=machine(), table=found,
-            inner4=inner4, inner8=inner8,
-        )  # fmt: skip
-        (write / "performance.md").write_text(page + heading + others)
+        return [
+            measure(ne, np_, precision, compile_bound(np_, precision, folder), rounds)
+            for ne, np_ in meshes
+            for precision in PRECISIONS
+        ]
+
+
+def kernels() -> Section:
+    """Kernels of meshes in the cache, and the picture of the page."""
+    cases = cases_of([(ne, np_) for np_, ne in ELEMENTS.items()], ROUNDS)
+    draw(cases, PAGES / "performance.svg")
+    return Section(
+        f"A right-hand side of {SCENE} with DSS on one core",
+        "Nanoseconds an element node, beside a program in C that does the same with the same arrays"
+        f" (np known to its compiler, `{' '.join(FLAGS)}`): least of {ROUNDS} calls of each made in"
+        " turns, and the median of the whole.",
+        HEAD,
+        [_row(case) for case in cases],
+    )
+
+
+def large() -> Section:
+    """Kernels of growing meshes."""
+    cases = cases_of([(ne, 4) for ne in LARGE], ROUNDS_LARGE)
+    return Section(
+        "Large meshes, np 4",
+        f"Nanoseconds of CPU time an element node: least of {ROUNDS_LARGE} calls of each made in"
+        " turns. *over ne 16*: the stage over the one on ne 16. *bytes / copy*: every array of a"
+        " right-hand side moved once, at the rate of a copy of as many bytes.",
+        LARGE_HEAD,
+        large_rows(cases),
+    )
+
+
+main = command("performance", {"kernels": kernels, "large": large})
 
 
 def _size(np_: int) -> int:

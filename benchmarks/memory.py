@@ -1,7 +1,5 @@
 """Peak memory of runs, in bytes an element node.
 
-    python benchmarks/memory.py [--meshes 60x4,30x8,120x4] [--steppers rk4,...] [--days D] [--file]
-
 Each run is a process of its own; what the same run on six by four elements takes (the interpreter,
 libraries, compiled kernels) is subtracted.  There are 6 ne^2 np^2 element nodes.
 """
@@ -12,14 +10,19 @@ import itertools
 import os
 import subprocess
 import sys
-import tempfile
-from pathlib import Path
-from typing import Annotated
 
 import typer
-from rich.console import Console
+from sections import Section, command
 
-STEPPERS = "rk4,leapfrog,semi-implicit,bdf2,tr-bdf2,esdirk4"
+MESHES = ((60, 4), (30, 8), (120, 4))
+STEPPERS = ("rk4", "leapfrog", "semi-implicit", "bdf2", "tr-bdf2", "esdirk4")
+DAYS = 0.03
+ESTIMATED = {3: 24, 4: 20, 6: 14, 8: 10, 12: 8}
+"""Elements along a face's edge for each np of the table of the estimate."""
+FAMILIES = {
+    "explicit (rk4)": "rk4", "imex (semi-implicit)": "semi-implicit", "exponential (epi3)": "epi3",
+    "implicit (tr-bdf2)": "tr-bdf2", "gauss-legendre": "gauss-legendre",
+}  # fmt: skip
 
 
 def peak(*arguments: str) -> int:
@@ -39,22 +42,41 @@ def per_node(ne: int, np: int, arguments: list[str]) -> float:
     return (whole - tiny) / (6 * (ne * np) ** 2)
 
 
-def main(
-    meshes: Annotated[str, typer.Option(help="NExNP, NExNP, ...")] = "60x4,30x8,120x4",
-    steppers: Annotated[str, typer.Option(help="Names of steppers.")] = STEPPERS,
-    days: Annotated[float, typer.Option(help="Length of the runs.")] = 0.03,
-    file: Annotated[bool, typer.Option(help="Write a file too.")] = False,
-) -> None:
-    """Print a table."""
-    console = Console()
-    console.print("| mesh | stepper | bytes an element node |\n|---|---|---|")
-    with tempfile.TemporaryDirectory() as folder:
-        out = ["--out", str(Path(folder) / "run.nc")] if file else []
-        for mesh, name in itertools.product(meshes.split(","), steppers.split(",")):
-            ne, np = map(int, mesh.split("x"))
-            measured = per_node(ne, np, ["--stepper", name, "--days", str(days), *out])
-            console.print(f"| ne{ne} np{np} | {name} | {measured:.0f} |")
+def peaks() -> Section:
+    """Peak memory by mesh and stepper."""
+    rows = []
+    for (ne, np), name in itertools.product(MESHES, STEPPERS):
+        measured = per_node(ne, np, ["--stepper", name, "--days", str(DAYS)])
+        rows.append([f"ne{ne} np{np}", name, f"{measured:.0f}"])
+    return Section(
+        "Peak memory of a run of williamson5",
+        f"Bytes an element node beyond those of the same run on ne2, each run in a process of its"
+        f" own: {DAYS:g} days, float64, automatic step.",
+        ["mesh", "stepper", "bytes an element node"],
+        rows,
+    )
 
+
+def estimate() -> Section:
+    """Peak memory by family of steppers and np, from which `simulation/memory.toml` is made."""
+    rows = []
+    for family, name in FAMILIES.items():
+        meshes = {4: 20} if name == "gauss-legendre" else ESTIMATED
+        cells = {
+            np: f"{per_node(ne, np, ['--stepper', name, '--days', '0.02']):.0f}"
+            for np, ne in meshes.items()
+        }
+        rows.append([family, *(cells.get(np, "") for np in ESTIMATED)])
+    return Section(
+        "Table of the estimate",
+        "Bytes an element node beyond those of the same run on ne2: runs of 0.02 days on "
+        + ", ".join(f"ne{ne} np{np}" for np, ne in ESTIMATED.items()) + ".",
+        ["family", *(f"np {np}" for np in ESTIMATED)],
+        rows,
+    )  # fmt: skip
+
+
+main = command("memory", {"peak": peaks, "estimate": estimate})
 
 if __name__ == "__main__":
     typer.run(main)

@@ -1,9 +1,6 @@
 """Growth of computational modes in flows off the cube's axes, and dissipation against it.
 
-    python benchmarks/off_axis.py [SECTION ...]
-
-writes docs/results/off_axis.md, benchmarks/results/off_axis.json and the figures of the page.
-"""
+python benchmarks/off_axis.py [SECTION ...]"""
 
 from __future__ import annotations
 
@@ -15,8 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import scipy
 import typer
-from implicit_common import Section
-from sections import PAGES, command
+from sections import PAGES, Section, command
 from threadpoolctl import threadpool_limits
 
 from swe_sphere import Simulation
@@ -38,108 +34,6 @@ from swe_sphere.pictures.panels import COLOURS
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases import get_scene
 
-HEAD = """# Stable off the axes of the cube
-
-Without dissipation, flow that crosses the faces of the cube obliquely feeds computational modes.
-The error of williamson2 at α = 1, a steady exact flow, grows by a factor of e in 3.4 to 12 days
-on meshes of ne2 to ne8. The [edge penalty](../reference/effects.md) removes the growth and lowers
-the errors from the first days on:
-
-    swe-sphere run williamson2 --alpha 1 --ne 4 --np 5 --days 100 --set edge-penalty.c=0.01
-
-![Errors of williamson2 over a hundred days](off_axis_errors.svg)
-
-## What grows
-
-The [fastest modes](#the-fastest-modes) are inertial ones: their frequencies are below 2Ω, and
-more than nine tenths of their energy is kinetic. Nearly all of their divergence is a jump between
-elements. DSS averages the jump away, so that the pressure does not act on it. Half of their
-vorticity is a jump as well. About half of their wind or more is in the last Legendre mode of the
-elements. They live at corners of the cube, two opposite ones in the map, where |v|² is 18 to 68
-times its mean over the sphere.
-
-![The fastest mode](off_axis_mode.png)
-
-[The rates](#growth-rates-of-the-discrete-equations) rise from np 4 to np 6. They hardly change
-from ne3 to ne4: 0.142 and 0.141 a day at np 4, α = 1. With the penalty no mode grows there. [Faster
-winds](#dependence-on-wind-depth-and-stretching) feed the modes more and deeper layers less: 0.004
-a day at 5 m/s, 0.142 at 38.6 m/s, 0.060 at this wind in 10 km (ne3 np4). Two small rates are left
-with the penalty at c = 0.01, both on ne3 np4: 1e-4 a day at 5 m/s in 250 m, and 0.002 instead of
-0.36 a day on a mesh stretched 3 times.
-
-## Why they can grow
-
-The exact flow turns as a rigid body about the tilted axis. In the frame that turns with the fluid
-it is at rest, so that energy minus rotation rate times angular momentum is a positive invariant
-of small disturbances: the continuous equations are stable. The discrete equations conserve mass
-and energy, but [neither angular momentum nor potential enstrophy](#drifts-by-polynomial-degree),
-and no invariant prevents growth. The growth belongs to the tendency: the rates below are
-eigenvalues without any time step.
-
-## Why few tests show it
-
-The published angles of williamson2 are α = 0, 0.05, π/4, π/2 − 0.05 and π/2, at or near axes of
-symmetry of the cube. The [growth rates](#growth-rates-of-the-discrete-equations) are largest
-at α = 0. But truncation errors have the
-symmetry of the mesh and do not project on the fastest modes, which start from round-off. [A
-disturbance](#why-axes-of-symmetry-hide-the-growth) of one part in a million or a thousand shows
-them at all angles. Runs of 5 to 15 days are too short besides.
-
-Hyperviscosity, without which operational spectral-element models do not run, hides the modes. [A
-hundredth](#what-hyperviscosity-hides) of the coefficient of CAM-SE is enough for stability. The
-whole coefficient makes the error of williamson2 on ne4 np8 at day 10 6500 times as large as
-without.
-
-## What removes them
-
-The penalty adds, for every test wind w, −Σ γ W J [(ζ − ζ̄) curl w + (δ − δ̄) div w] at the edge
-nodes of elements. There ζ̄ and δ̄ are means over the elements that meet, and γ = c |V| dx. It is
-symmetric and negative semi-definite, conserves mass, and vanishes for winds with continuous
-vorticity and divergence. Penalties on jumps of derivatives stabilise continuous elements for
-convection (Burman & Hansbo 2004). Weller (2012) controls computational modes of the hexagonal C
-grid by upwinded potential vorticity.
-
-Other remedies were tried in a separate numpy program of the same discretisation, whose tendency
-equals that of the model to 2e-15. The program is not part of the package, so that the package
-does not reproduce this table. Largest real part [1/day] for williamson2 at α = 1:
-
-| remedy | ne3 np4 | ne2 np6 |
-|---|---|---|
-| none | 0.142 | 0.298 |
-| ζ k×v integrated with more points | 0.111 | 0.124 |
-| gradient of kinetic energy integrated with more points | 0.150 | 0.384 |
-| mass flux integrated with more points | 0.622 | 0.422 |
-| all three | 0.738 | 0.607 |
-| anticipated vorticity, best of several times | 0.090 | 0.152 |
-| absolute vorticity diffused along streamlines; 2 to 8 times shorter steps | 0.010 | 0.019 |
-| last Legendre mode of the wind damped at the rate 2 U/dx | 0 to 0.0025 | |
-| momentum in kinetic-energy-preserving split form; 0.23 at np 8, α = 0 | 0.006 | 0.013 |
-| penalty on jumps of ζ and δ | 0 from c = 0.0021 | 0 from c = 0.0013 |
-
-On [williamson5](#errors-of-williamson5), which is no flow off the axes, the penalty with c = 0.01
-lowers the error of the height at day 15 by 1.3 to 2.4 times and that of vorticity by 2.7 to 4.3
-times. On [williamson6](#errors-of-williamson6) it lowers the error of vorticity 2.2 to 8.5 times,
-and that of the height at day 7 by a quarter. At day 14 the error of the height is 0.79 and 0.89
-of that without on ne5 np4 and ne4 np8, but 1.7 times as large on ne8 np4. [The balanced jet of
-galewsky](#the-balanced-jet-of-galewsky-after-a-day) keeps its balance better by three to four
-tenths. [The unstable jet](#errors-of-galewsky) itself is resolved from ne8 np8 on: there c₀ lowers
-the error of the height at day 6 to 0.69 (with viscosity 0.75) of that without, on ne12 np8 to 1.06
-(0.94), with 0.58 (1.00) times the error of vorticity. On ne8 np4 and ne16 np4, where the relative
-error of vorticity exceeds 0.5, it raises the error of the height by 6 and 7 %, with viscosity by 36
-and 12 %.
-
-## Fast flow in thin layers
-
-Schemes in vector-invariant form can be unstable where the wind is faster than gravity waves
-(Hollingsworth et al. 1983; Peixoto, Thuburn & Bell 2018). The wind of williamson2 in layers of 1,
-10 and 100 m over a bottom that balances it is in the [stability
-tests](stability.md#fast-flow-in-thin-layers-30-days), for 30 days on ne4 np6 at α = 1. Without
-dissipation l2(v) reaches 2.7e-4, 1.1e-4 and 5.7e-5, with the penalty 1.7e-5, 1.2e-5 and 9.5e-6.
-In the layer of 1 m at α = 0 it is 1.6e-3 without and 1.9e-5 with the penalty.
-
-References are in the [bibliography](../reference/bibliography.md). Made by
-`python benchmarks/off_axis.py`; float64, one core.
-"""
 ANGLES = (0.0, 0.3, 0.6, 1.0)
 """Tilt of the axis of the flow of williamson2 against that of the planet [radians]."""
 SPEED, DEPTH = 2.0 * np.pi * EARTH.radius / (12.0 * DAY), 2.94e4 / EARTH.gravity
@@ -377,8 +271,8 @@ def modes() -> Section:
         "The fastest modes",
         "Share of kinetic energy; share of ∫δ² and ∫ζ² that is jump between elements; share of"
         " the wind in the last Legendre mode along either coordinate; |v|² at the corners of the"
-        " cube over its mean. The map above is that of ne4 np4 at α = 1; lines are the edges of"
-        " elements, dots the corners of the cube.",
+        " cube over its mean. The map of the page is that of ne4 np4 at α = 1; lines are the edges"
+        " of elements, dots the corners of the cube.",
         ["mesh", "α", "growth [1/day]", "frequency [s⁻¹]", "kinetic", "jump of δ", "jump of ζ",
          "last mode", "cube corners"],
         rows,
@@ -669,7 +563,7 @@ SECTIONS = {
 }  # fmt: skip
 
 
-main = command("off_axis", HEAD, SECTIONS)
+main = command("off_axis", SECTIONS)
 
 if __name__ == "__main__":
     with threadpool_limits(1):

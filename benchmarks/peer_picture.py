@@ -1,4 +1,4 @@
-"""The picture of docs/results/peers.md: error against time, a panel a scene."""
+"""Error against time, a panel a scene."""
 
 from __future__ import annotations
 

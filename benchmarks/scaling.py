@@ -1,8 +1,8 @@
-"""Page on scaling: what a step does on several ranks, what it takes, and a model of many.
+"""What a step does on several ranks, what it takes, and a model of many ranks.
 
     python benchmarks/scaling.py [SECTION ...]      counts, measured, model, growth; all by default
 
-Rewrites the page, its data and its figure.  Runs on one process and on two
+Runs on one process and on two
 ranks go in turns, so that a busy moment of the machine meets all of them.
 """
 
@@ -20,12 +20,11 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from implicit_common import Section
 from memory import per_node
 from scaling_bytes import Traffic
 from scaling_model import NEIGHBOURS, Network, Step, as_it_is, in_trees, picture
 from scaling_ranks import PIECES, STEPPERS
-from sections import PAGES, write_page
+from sections import PAGES, Section, measure
 
 from swe_sphere import Simulation
 from swe_sphere.mesh import Mesh
@@ -47,11 +46,6 @@ SUPPOSED = Network(latency=2e-6, bandwidth=1e9)
 """Of a large machine: an assumption, in the range that vendors of networks give (one to two
 microseconds; 25 GB/s a node, shared by its ranks)."""
 GROWTH = {"rk4": (4, 8, 16, 30, 60, 120), "tr-bdf2": (4, 8, 16, 30, 60)}
-HEAD = """# Scaling over ranks
-
-Made by `python benchmarks/scaling.py`. [Several processes](../howto/parallel.md) explains how a run
-is shared. All of it is williamson5, np 4, float64; steps are 200 s (rk4),
-900 s (semi-implicit), 1800 s (tr-bdf2) and 3600 s (bdf2) on ne 30, and go with 1/ne."""
 
 
 def child(ranks: int, job: str, ne: int = 0, pieces: int = PIECES) -> Any:
@@ -247,7 +241,6 @@ def model() -> Section:
         ["stepper", "ranks", "elements a rank", "as it is [s a step]", "in trees [s a step]",
          "efficiency in trees"],
         rows,
-        figure="scaling.svg",
     )  # fmt: skip
 
 
@@ -284,8 +277,7 @@ def growth() -> Section:
         "One process, larger and larger meshes",
         "Steps as `--dt auto` has them, the least of eight after four; peak memory beyond that "
         "of a tiny run, set-up included, which hides a part of it on small meshes. Where arrays "
-        "outgrow the caches, a node takes longer. From this follows which mesh a machine can hold; "
-        "a run that needs more than there is says so first ([Memory](memory.md)).",
+        "outgrow the caches, a node takes longer.",
         ["stepper", "ne", "element nodes", "a step [ms]", "ns an element node",
          "bytes an element node"],
         rows,
@@ -293,9 +285,9 @@ def growth() -> Section:
 
 
 def main(sections: Annotated[list[str] | None, typer.Argument()] = None) -> None:
-    """Measure, and rewrite the page."""
+    """Measure sections."""
     made = {"counts": counts, "measured": measured, "model": model, "growth": growth}
-    write_page("scaling", HEAD, made, sections or [])
+    measure("scaling", made, sections or [])
 
 
 if __name__ == "__main__":

@@ -1,94 +1,117 @@
-"""Pages of several sections, of which each may be measured anew by itself."""
+"""Tables that scripts measure, stored in benchmarks/results and shown by the pages of results.
+
+A file of `benchmarks/results` holds the sections of one script.  Each section is a table with its
+title, its note, and a stamp: commit and fingerprint of the code, machine, date and duration.
+"""
 
 from __future__ import annotations
 
 import json
 import subprocess
+import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 import warp as wp
-from implicit_common import Section
 from rich.console import Console
 from rich.table import Table
 
-from swe_sphere.files.fingerprints import machine
+from swe_sphere.files.fingerprints import code_fingerprint, machine
 
 ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "docs" / "results"
 DATA = ROOT / "benchmarks" / "results"
 
 
-def command(
-    page: str, head: str, sections: Mapping[str, Callable[[], Section]]
-) -> Callable[..., None]:
-    """Return the command of a script, which measures the named sections and writes their page."""
+@dataclass
+class Section:
+    """A measured table."""
+
+    title: str
+    note: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+Measure = Callable[[], Section]
+Sections = dict[str, dict[str, Any]]
+"""Sections of a file of `benchmarks/results` by name."""
+
+
+def command(name: str, sections: Mapping[str, Measure]) -> Callable[..., None]:
+    """Return the command of a script that measures sections of `benchmarks/results/NAME.json`."""
 
     def main(
-        names: Annotated[list[str] | None, typer.Argument(help="Sections; all by default.")] = None,
+        names: Annotated[
+            list[str] | None,
+            typer.Argument(help="Sections; by default those not measured with the current code."),
+        ] = None,
         list_sections: Annotated[bool, typer.Option("--list", help="Print the sections.")] = False,
     ) -> None:
-        """Run sections and rewrite the page."""
+        """Measure sections and store them."""
         if list_sections:
             typer.echo("\n".join(sections))
         else:
-            write_page(page, head, sections, names or ())
+            measure(name, sections, names or ())
 
     return main
 
 
-def write_page(
-    page: str, head: str, sections: Mapping[str, Callable[[], Section]], names: Sequence[str]
-) -> None:
-    """Run the named sections, all by default, and rewrite the page and its data.
+def measure(name: str, sections: Mapping[str, Measure], names: Sequence[str] = ()) -> None:
+    """Measure the named sections and store each as soon as it is finished.
 
-    Sections that are not run keep what was measured before.  Ends with status 2, and with the
-    names of the sections, where one is unknown.
+    By default those are measured that were not measured with the current code on a machine of this
+    kind, so that the same command resumes after an interrupt.  An unknown name ends the program
+    with status 2 and the names of all sections.
     """
     console = Console(width=160)
-    if unknown := [name for name in names if name not in sections]:
+    if unknown := [each for each in names if each not in sections]:
         console.print(f"unknown: {', '.join(unknown)}", *sections, sep="\n")
         raise typer.Exit(2)
     wp.config.log_level = wp.LOG_WARNING
-    store = DATA / f"{page}.json"
-    known = json.loads(store.read_text()) if store.exists() else {}
-    for name in names or sections:
-        section = sections[name]()
-        console.print(_table(section))
-        known[name] = vars(section) | {
-            "machine": machine(),
-            "measured": f"{datetime.now(UTC):%Y-%m-%d}, commit {_commit()}",
-        }
-        known = {key: known[key] for key in sections if key in known}
-        store.write_text(json.dumps(known, indent=1, ensure_ascii=False) + "\n")
-        (PAGES / f"{page}.md").write_text(_page(head, known))
+    known = load(name)
+    for each in names or [key for key in sections if not is_current(known.get(key, {}))]:
+        began = time.perf_counter()
+        section = sections[each]()
+        console.print(_printable(section))
+        known[each] = vars(section) | stamp(time.perf_counter() - began)
+        store(name, {key: known[key] for key in sections if key in known})
 
 
-def _commit() -> str:
-    """Return the commit of the measured code, without what is not committed yet."""
+def load(name: str) -> Sections:
+    """Return the sections of `benchmarks/results/NAME.json`; none if there is no such file."""
+    file = DATA / f"{name}.json"
+    found: Sections = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    return found
+
+
+def store(name: str, sections: Sections) -> None:
+    """Write `benchmarks/results/NAME.json`, each row of a table on a line."""
+    text = json.dumps(sections, ensure_ascii=False).replace("], [", "],\n[")
+    (DATA / f"{name}.json").write_text(text.replace('}, "', '},\n"') + "\n", encoding="utf-8")
+
+
+def stamp(seconds: float) -> dict[str, Any]:
+    """Return what identifies a measurement that took so many seconds and ends now."""
     git = ["git", "log", "-1", "--format=%h"]
-    return subprocess.run(git, cwd=ROOT, capture_output=True, text=True).stdout.strip()
+    commit = subprocess.run(git, cwd=ROOT, capture_output=True, text=True, check=False).stdout
+    return {
+        "commit": commit.strip(), "code": code_fingerprint(), "machine": machine(),
+        "date": f"{datetime.now(UTC):%Y-%m-%d}", "minutes": round(seconds / 60.0, 1),
+    }  # fmt: skip
 
 
-def _table(section: Section) -> Table:
+def is_current(stamped: Mapping[str, Any]) -> bool:
+    """Return whether a section was measured with the current code and on such a machine."""
+    return (stamped.get("code"), stamped.get("machine")) == (code_fingerprint(), machine())
+
+
+def _printable(section: Section) -> Table:
     table = Table(*section.columns, title=section.title)
     for row in section.rows:
-        table.add_row(*row)
+        table.add_row(*map(str, row))
     return table
-
-
-def _page(head: str, known: dict[str, dict[str, object]]) -> str:
-    parts = [head]
-    for name, section in known.items():
-        lines = [f"## {section['title']}", "", str(section["note"]), ""]
-        lines.append("| " + " | ".join(section["columns"]) + " |")
-        lines.append("|" + "---|" * len(section["columns"]))
-        lines += ["| " + " | ".join(row) + " |" for row in section["rows"]]
-        if section.get("figure"):
-            lines += ["", f"![{section['title']}]({section['figure']})"]
-        lines += ["", f"Section `{name}`, {section['measured']}, {section['machine']}."]
-        parts.append("\n".join(lines))
-    return "\n\n".join(parts) + "\n"

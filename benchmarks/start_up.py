@@ -1,4 +1,4 @@
-"""How long a short run takes from the command line to its end; makes docs/start-up.
+"""How long a short run takes from the command line to its end.
 
     python benchmarks/start_up.py [SECTION ...] [--repeats N]      start, again; both by default
 
@@ -17,8 +17,7 @@ import time
 from typing import Annotated
 
 import typer
-from implicit_common import Section
-from sections import write_page
+from sections import Section, measure
 
 RUN = ("run", "williamson2", "--ne", "8", "--days", "1", "--quiet")
 CASES = {
@@ -40,19 +39,6 @@ for _ in range(9):
     Simulation("williamson2", ne=8, np=4, stepper=sys.argv[1]).step()
     print(time.perf_counter() - start)
 """
-
-HEAD = f"""# How long a run takes to start
-
-A short run with compiled kernels takes 0.6 s with `rk4` and up to 1.1 s with other steppers, from
-the command line to its end. Most of it is the import of numpy, scipy, Warp and netCDF4, each where
-it is first needed.
-
-Made by `python benchmarks/start_up.py`: `swe-sphere {" ".join(RUN)}` with several steppers. The
-steps themselves take a hundredth of a second. With an empty cache a kernel is compiled in 0.1 to
-0.2 s, those of an operator on all cores, and Warp's own headers once in 1.5 s. With several ranks
-the first one compiles, and the others load the result. Compiling that takes longer than a second is
-announced on the terminal."""
-
 
 KEPT = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
 """The environment of all processes."""
@@ -115,7 +101,7 @@ def main(
             [again(name) for name in CASES if "," not in name],
         )
 
-    write_page("start-up", HEAD, {"start": start, "again": next_ones}, sections or [])
+    measure("start_up", {"start": start, "again": next_ones}, sections or [])
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What cheaper steps cost and how exact they are, in interleaved runs; writes the page.
+"""What cheaper steps cost and how exact they are, in interleaved runs.
 
 python benchmarks/steps.py                      all sections
 python benchmarks/steps.py forward-backward
@@ -8,12 +8,10 @@ python benchmarks/steps.py multirate
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated
 
 import numpy as np
 import typer
-from implicit_common import Section
-from sections import write_page
+from sections import Section, command
 from tracer_steps import eight
 
 from swe_sphere.equations.scene import Scene
@@ -34,40 +32,6 @@ CASES = (
     ("williamson6", 16, 4, 14.0),
     ("galewsky", 16, 4, 6.0),
 )
-HEAD = """# Steps that pay
-
-`forward-backward` is the cheapest stepper: on williamson5 it reaches about the error of `rk4` in
-0.59 of its CPU time. `mis2` and `mis3c`, which take sub-steps for gravity waves, pay only where
-tracers or effects cost more than the dynamics.
-
-Made by `python benchmarks/steps.py` (float64, one core). Times are CPU seconds of the steps alone,
-the least of interleaved runs; the median stands beside it.
-
-## Targets and results
-
-These numbers are from the sections below and from the linked pages, which name their machines. The
-targets date from a version in which a stage of `rk4` took 10.8 ns an element node at np 4; it takes
-4.3 ns now. Explicit steps have gained more from this than implicit ones, since the other work of a
-solve has not become faster to the same extent.
-
-| case | target | result |
-|---|---|---|
-| `forward-backward` / `rk4`, williamson5, ne16 np4 | l2 of 1.6e-4 in 0.55 of the time | 1.4e-4 in \
-0.59 |
-| the same, ne6 np8 | 7e-5 in 0.55 | 7.7e-5 in 0.59 |
-| the same, williamson6; galewsky | 0.75; 0.6, errors 1.1 times those of `rk4` | 0.69; 0.67, equal \
-errors |
-| `bdf2` at 1 h, williamson5, ne16 np4, over `rk4`; over `forward-backward` | 0.6; 1.1 | 1.7; 3 \
-([implicit](implicit.md)) |
-| best implicit / best explicit stepper, refined 4 times, 20 m/s; 5 m/s | 1.0; 0.4 | 2.9; 1.5; \
-0.88 at 1 m/s ([map](../regimes/README.md)) |
-| the same, uniform mesh, 5 m/s; 2 m/s | 0.5; 0.2 | 2.8; 2.4 at 2.5 m/s \
-([map](../regimes/README.md)) |
-| one step of five days, williamson2, ne8 np8 | undivided, in 30 s | undivided, in 1.1 s with \
-`jacobian-direct` ([implicit](implicit.md)) |
-| `epi4` at 3 h, williamson5, error of the depth | 3e-4 | 1.6e-4 ([implicit](implicit.md)) |
-| deformational flow, 8 tracers: automatic tracer steps / one a step | 0.45 | 0.45, with a limiter \
-0.48 ([tracer steps](tracer_steps.md)) |"""
 
 
 def forward_backward() -> Section:
@@ -202,12 +166,7 @@ def _run(scene: str | Scene, mesh: Mesh, stepper: str, dt: float, days: float) -
 SECTIONS = {"forward-backward": forward_backward, "multirate": multirate}
 
 
-def main(
-    names: Annotated[list[str] | None, typer.Argument(help="Sections; all by default.")] = None,
-) -> None:
-    """Run sections and rewrite the page."""
-    write_page("steps", HEAD, SECTIONS, names or ())
-
+main = command("steps", SECTIONS)
 
 if __name__ == "__main__":
     typer.run(main)

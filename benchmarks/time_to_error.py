@@ -1,4 +1,4 @@
-"""Models of the sphere in turns on one core: time to an error; writes docs/results/peers.md.
+"""Models of the sphere in turns on one core: time to an error.
 
 python benchmarks/time_to_error.py
 python benchmarks/time_to_error.py williamson5 --python /opt/peers/bin/python
@@ -7,7 +7,6 @@ python benchmarks/time_to_error.py galewsky --python shtns=/opt/a/bin/python --r
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import tempfile
@@ -20,10 +19,9 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from implicit_common import Section
 from peer_picture import draw
 from peer_process import HERE, Measured, Peer, Setting
-from sections import DATA, PAGES, write_page
+from sections import PAGES, Section, load, measure
 
 PATIENCE = 8.0
 """CPU time after which a setting is not run again [s]."""
@@ -32,38 +30,6 @@ OWN, BESIDE = "swe-sphere", "shtns"
 COLUMNS = ["model", "resolution", "stepper", "Δt [s]", "numbers", "steps", "l2", "CPU [s]",
            "median", "wall [s]", "runs"]  # fmt: skip
 NUMBERS, L2, CPU = (COLUMNS.index(name) for name in ("numbers", "l2", "CPU [s]"))
-
-HEAD = """# Time to an error beside other models
-
-On williamson5, swe_sphere reaches l2 errors of 1e-4 and 4e-5 in 0.36 and 0.31 of the CPU time of a
-spectral model on SHTns, the fastest other model, and in 0.20 and 0.19 of it in float32.
-
-![Time to an error](peers.svg)
-
-Made by `python benchmarks/time_to_error.py --python PYTHON`, where PYTHON is the interpreter of an
-environment with the other models (`pip install 'spectral-swe-sphere[peers]'`). The models of the
-shallow-water equations on the sphere run in turns on one core, each in a process of its own. One
-function compares all of them with the same reference. Models that are not installed are omitted; no
-figure is taken from other sources.
-
-* **Time** is the CPU time of the steps alone, the least of the runs; the median and the least wall
-  time stand beside it. Set-up, compiling and two preceding steps do not count for any model. No
-  model may use a second core or threads.
-* **Error** is l2 of the free surface relative to the reference in this package, at the points of
-  the reference. This model is evaluated there as polynomials, the others as spherical harmonics.
-  The references of williamson5 and galewsky were made with SHTns too, at four and three times the
-  resolution of T42 and T106; their files state their own accuracy.
-* **SHTns** is a library of transforms. The model on it was written for this comparison
-  (`benchmarks/peers/with_shtns.py`: vorticity, divergence and geopotential, classical Runge-Kutta
-  or semi-implicit leapfrog steps, in-place numpy); transforms take most of its time. **dinosaur**
-  (JAX, one compiled loop) and **torch-harmonics** have their own equations and steps, used
-  unchanged, except that the damping of the latter is switched off and a mountain is added.
-  **Dedalus** receives the equations in its own notation. All spectral models use alias-free
-  Gaussian grids.
-* **Steps** were chosen by hand for each resolution: the longest steps that leave the error near
-  that of the resolution, and in SHTns also shorter ones. williamson6 is compared at day 7, because
-  at day 14 its reference is accurate to 4e-4 only, and the wave has begun to break up differently
-  on each grid."""
 
 
 def settings(scene: str) -> list[Setting]:
@@ -143,7 +109,7 @@ def quickest(rows: Sequence[Sequence[str]], bound: float) -> dict[str, Sequence[
 
 def reached() -> Section:
     """The least time of each kind to each error, from the tables that there are."""
-    store = json.loads((DATA / "peers.json").read_text())
+    store = load("peers")
     tables = {scene: store[scene]["rows"] for scene in scenes() if scene in store}
     draw(tables, PAGES / "peers.svg")
     lines = []
@@ -183,12 +149,12 @@ def main(
     core: Annotated[int, typer.Option(help="That runs everything; by default the last.")] = -1,
     rounds: Annotated[int, typer.Option(min=1, help="Runs of each setting, in turns.")] = 3,
 ) -> None:
-    """Run scenes and rewrite the page."""
+    """Run scenes and store what was measured."""
     pythons = dict(each.rpartition("=")[::2] for each in python or ())
     core = core if core >= 0 else max(os.sched_getaffinity(0))
     sections = {scene: partial(race, scene, pythons, core, rounds) for scene in scenes()}
     chosen = dict.fromkeys([*(names or scenes()), "reached"])
-    write_page("peers", HEAD, sections | {"reached": reached}, [*chosen])
+    measure("peers", sections | {"reached": reached}, [*chosen])
 
 
 if __name__ == "__main__":

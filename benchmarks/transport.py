@@ -1,35 +1,29 @@
-"""Errors of transport by resolution, with and without the limiter; writes the page.
-
-python benchmarks/transport.py        a few minutes on one core
-"""
+"""Errors of transport by resolution, with and without the limiter: a few minutes."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
-from pathlib import Path
+from functools import cache, partial
+from itertools import product
 
 import numpy as np
-import warp as wp
+import typer
 from mixing import filaments, mixing
 from numpy.typing import NDArray
-from rich.console import Console
+from sections import Section, command
 
 from swe_sphere.equations.effects import Tracers
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import Scene, apply_settings
-from swe_sphere.files.fingerprints import machine
 from swe_sphere.io.integrals import norms
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene
 
-SCREEN = Console(width=140)
-PAGE = Path(__file__).parents[1] / "docs" / "results" / "transport.md"
 PERIOD = 12.0 * DAY
 SHARE = 0.5
 """Part of the stability limit at the fastest wind that steps take: errors are those of space."""
@@ -92,17 +86,7 @@ def carried(scene: Scene, ne: int, np_: int) -> Run:
     return Run(mesh, *fields, stepper.dt, time.perf_counter() - begun)
 
 
-def main() -> None:
-    """Run all and write the page."""
-    wp.config.log_level = wp.LOG_WARNING
-    begun = time.perf_counter()
-    sections = [prices(), vortices(), reversals(), case_4(), after_half_time()]
-    seconds = time.perf_counter() - begun
-    foot = f"Measured in {seconds:.0f} s in all, {machine()}."
-    PAGE.write_text("\n\n".join([HEAD, *sections, foot]) + "\n")
-
-
-def prices() -> str:
+def prices() -> Section:
     """Table of the time that tracers and the limiter take."""
     scene, bells = get_scene("williamson5"), get_scene("deformational").tracers or {}
     mesh, rows = Mesh.build(16, 4), []
@@ -113,8 +97,13 @@ def prices() -> str:
         state, out = model.initial_state(), model.zeros()
         tendency = least_time(partial(model.tendency, state, 0.0, out))
         limiter = "" if model.limiter is None else least_time(partial(model.limiter, state))
-        rows.append([count, tendency, limiter])
-    return PRICES + table(("tracers", "right-hand side [ms]", "limiter [ms]"), rows)
+        rows.append([str(count), tendency, limiter])
+    return Section(
+        "Cost",
+        "williamson5 at ne16 np4 with no, one or four tracers; the limiter is applied once a step.",
+        ["tracers", "right-hand side [ms]", "limiter [ms]"],
+        rows,
+    )
 
 
 def least_time(work: Callable[[], None], batches: int = 60) -> str:
@@ -128,7 +117,7 @@ def least_time(work: Callable[[], None], batches: int = 60) -> str:
     return f"{1e3 * min(times):.2f}"
 
 
-def vortices() -> str:
+def vortices() -> Section:
     """Table of the moving vortices."""
     rows, before = [], {}
     scene = get_scene("moving-vortices")
@@ -137,11 +126,17 @@ def vortices() -> str:
         exact = scene.exact(run.mesh.lon, run.mesh.lat, PERIOD)[2]
         error = norms(run.mesh.area, run.end["h"], exact)
         rows.append([*size(run), *numbers(error), order(error["l2"], before, ne, np_)])
-        SCREEN.print("moving-vortices", *rows[-1], f"{run.seconds:.0f} s")
-    return VORTICES + table(("ne", "np", "degrees", "l1", "l2", "linf", "order"), rows)
+    return Section(
+        "Moving vortices",
+        "Nair & Jablonowski (2008), doi:10.1175/2007MWR2105.1, with α = π/4, transported as depth:"
+        " vortices wind up a smooth front into an ever thinner spiral while they cross the corners"
+        " of the cube. Coarse meshes do not resolve the spiral.",
+        ["ne", "np", "degrees", "l1", "l2", "linf", "order"],
+        rows,
+    )
 
 
-def reversals() -> str:
+def reversals() -> Section:
     """Table of cases 1 to 3."""
     rows = []
     for case in (1, 2, 3):
@@ -151,44 +146,62 @@ def reversals() -> str:
             errors = {name: run.error(name) for name in ("gaussian_hills", "cosine_bells")}
             l2 = [errors[name]["l2"] for name in errors]
             drift = f"{abs(run.drift('gaussian_hills')):.0e}"
-            rows.append([case, *size(run), *numbers(l2), order(l2[0], before, ne, np_), drift])
-            SCREEN.print("deformational", *rows[-1], f"{run.seconds:.0f} s")
-    head = ("case", "ne", "np", "degrees", "hills l2", "bells l2", "order", "mass")
-    return REVERSALS + table(head, rows)
+            rows.append([str(case), *size(run), *numbers(l2), order(l2[0], before, ne, np_), drift])
+    return Section(
+        "Deformational flow, cases 1 to 3",
+        "Nair & Lauritzen (2010), doi:10.1016/j.jcp.2010.08.014: the wind reverses after day 6."
+        " Without dissipation the spatial errors of this model are waves without damping and"
+        " reverse too, even for filaments that the mesh has lost. The remaining error is that of"
+        " the time steps. These rows show consistency (in case 3 the depth varies, and tracers with"
+        " it) and conservation (mass: relative drift of the hills), but they say little about the"
+        " accuracy of transport. Published errors of schemes with damping are not comparable.",
+        ["case", "ne", "np", "degrees", "hills l2", "bells l2", "order", "mass"],
+        rows,
+    )
 
 
-MIDDLES: dict[tuple[str, int, int], Run] = {}
-"""Runs of case 4 by treatment and mesh."""
+@cache
+def treated(treatment: str, ne: int, np_: int) -> Run:
+    """Case 4 with the effects of a treatment."""
+    scene = get_scene("deformational", case=4)
+    return carried(apply_settings(scene, TREATMENTS[treatment]), ne, np_)
 
 
-def case_4() -> str:
+def case_4() -> Section:
     """Table of case 4 with and without limiter and hyperviscosity."""
     rows = []
-    for treatment, settings in TREATMENTS.items():
+    names = list(get_scene("deformational", case=4).tracers or ())
+    for treatment in TREATMENTS:
         before: dict[tuple[int, int], float] = {}
-        scene = apply_settings(get_scene("deformational", case=4), settings)
         for ne, np_ in DAMPED if treatment == "hyperviscosity" else MESHES:
-            run = MIDDLES[treatment, ne, np_] = carried(scene, ne, np_)
-            l2 = [run.error(name)["l2"] for name in scene.tracers or ()]
+            run = treated(treatment, ne, np_)
+            l2 = [run.error(name)["l2"] for name in names]
             q = run.end["q_slotted_cylinders"]
             slope = order(l2[0], before, ne, np_)
             extremes = [f"{q.min() - 0.1:+.1e}", f"{q.max() - 1.0:+.1e}"]
-            drift = f"{max(abs(run.drift(name)) for name in scene.tracers or ()):.0e}"
+            drift = f"{max(abs(run.drift(name)) for name in names):.0e}"
             rows.append([treatment, *size(run), *numbers(l2), slope, *extremes, drift])
-            SCREEN.print("case 4", *rows[-1], f"{run.seconds:.0f} s")
     head = (
         "beside transport", "ne", "np", "degrees", "hills l2", "bells l2", "correlated l2",
         "cylinders l2", "order", "cylinders: min - 0.1", "max - 1", "mass",
     )  # fmt: skip
-    minimal = ", ".join(
-        f"{name} {least_resolution(name)}" for name in TREATMENTS if (name, 20, 4) in MIDDLES
-    )
-    return CASE_4 + table(head, rows) + MINIMAL.format(minimal=minimal, target=TARGET)
+    minimal = ", ".join(f"{name} {least_resolution(name)}" for name in ("nothing", "limiter"))
+    return Section(
+        "Deformational flow, case 4",
+        "A background flow carries the tracers once around the planet, so that errors cannot"
+        " reverse. `--set tracers.limiter=true` returns every mixing ratio to its initial bounds"
+        " after each step. `--set hyperviscosity.factor=30` damps unresolved scales in depth and"
+        " tracers. Without either, the noise of lost filaments remains. Under- and overshoots are"
+        " those of the slotted cylinders; mass is the largest relative drift of the four tracers."
+        f" Minimal resolution (Lauritzen et al. 2012, doi:10.5194/gmd-5-887-2012): the bells' l2 is"
+        f" {TARGET} at a node distance of: {minimal} (np 4, from the last two meshes).",
+        head, rows,
+    )  # fmt: skip
 
 
 def least_resolution(treatment: str) -> str:
     """Node distance at which the bells' l2 is `TARGET`, from np 4 meshes, in words."""
-    runs = [MIDDLES[treatment, ne, 4] for ne in (10, 20)]
+    runs = [treated(treatment, ne, 4) for ne in (10, 20)]
     x = np.log([run.degrees for run in runs])
     y = np.log([run.error("cosine_bells")["l2"] for run in runs])
     at = float(np.exp(x[1] + (np.log(TARGET) - y[1]) * (x[1] - x[0]) / (y[1] - y[0])))
@@ -197,27 +210,45 @@ def least_resolution(treatment: str) -> str:
     return f"{at:.2g}°" + (" (extrapolated)" if at < runs[1].degrees else "")
 
 
-def after_half_time() -> str:
-    """Filaments and mixing of case 4 on day 6."""
-    thresholds = np.arange(0.1, 0.95, 0.1)
-    kept, mixed = [], []
-    for (treatment, ne, np_), run in MIDDLES.items():
-        if (ne, np_) not in ((20, 4), (8, 8)):
-            continue
-        bells, area = "q_cosine_bells", run.mesh.area
-        shares = filaments(area, run.start[bells], run.middle[bells], thresholds - 1e-9)
-        kept.append([treatment, ne, np_, *(f"{share:.1f}" for share in shares)])
-        kinds = mixing(area, run.middle[bells], run.middle["q_correlated"])
-        mixed.append([treatment, ne, np_, *numbers(kinds)])
-    head = ("beside transport", "ne", "np")
-    filament = table((*head, *(f"{threshold:.1f}" for threshold in thresholds)), kept)
-    kinds_head = (*head, "real mixing", "unmixing", "overshooting")
-    return FILAMENTS + filament + MIXING + table(kinds_head, mixed)
+def half_way() -> Iterator[tuple[list[str], Run]]:
+    """Yield the first cells of a row, and the run, of case 4 on fine meshes."""
+    for treatment, (ne, np_) in product(("nothing", "limiter"), ((20, 4), (8, 8))):
+        yield [treatment, str(ne), str(np_)], treated(treatment, ne, np_)
 
 
-def size(run: Run) -> list[object]:
+def kept_filaments() -> Section:
+    """Filaments of case 4 on day 6."""
+    thresholds, bells = np.arange(0.1, 0.95, 0.1), "q_cosine_bells"
+    rows = []
+    for cells, run in half_way():
+        shares = filaments(run.mesh.area, run.start[bells], run.middle[bells], thresholds - 1e-9)
+        rows.append([*cells, *(f"{share:.1f}" for share in shares)])
+    return Section(
+        "Filaments on day 6",
+        "Case 4: the area in which the cosine bells reach at least the threshold, in percent of the"
+        " initial area (Lauritzen et al. 2012, section 3.3); 100 is exact.",
+        ["beside transport", "ne", "np", *(f"{threshold:.1f}" for threshold in thresholds)], rows,
+    )  # fmt: skip
+
+
+def mixed() -> Section:
+    """Mixing of two related tracers of case 4 on day 6."""
+    rows = []
+    for cells, run in half_way():
+        bells, other = run.middle["q_cosine_bells"], run.middle["q_correlated"]
+        rows.append([*cells, *numbers(mixing(run.mesh.area, bells, other))])
+    return Section(
+        "Mixing on day 6",
+        'Case 4: the mean distance from the curve that relates the two tracers "cosine_bells" and'
+        ' "correlated" (Lauritzen et al. 2012, section 3.5). Real mixing resembles physical mixing'
+        " of air; unmixing and overshooting do not occur in nature.",
+        ["beside transport", "ne", "np", "real mixing", "unmixing", "overshooting"], rows,
+    )  # fmt: skip
+
+
+def size(run: Run) -> list[str]:
     """Cells that tell the mesh."""
-    return [run.mesh.ne, run.mesh.np, f"{run.degrees:.2g}"]
+    return [str(run.mesh.ne), str(run.mesh.np), f"{run.degrees:.2g}"]
 
 
 def numbers(values: dict[str, float] | Iterable[float]) -> list[str]:
@@ -232,83 +263,13 @@ def order(error: float, before: dict[tuple[int, int], float], ne: int, np_: int)
     return "" if half is None else f"{math.log2(half / error):.1f}"
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """Markdown."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
-
-
-HEAD = """# Transport
-
-Depth and tracers conserve mass to round-off, and a constant mixing ratio stays constant to
-round-off with every stepper. Without dissipation, cosine bells need a mesh far finer than 1.5° for
-an l2 error of 0.033; with the limiter 0.77° suffices.
-
-Made by `python benchmarks/transport.py` (float64, rk4 at half the stable step, so that errors are
-spatial). Errors are the normalised norms of Williamson et al. (1992) after 12 days. Degrees are the
-mean distance of nodes at the equator. Orders are those of l2 relative to the mesh with half as many
-elements.
-
-A scene with the effect `tracers` transports the mass hq of each tracer in flux form beside the
-depth h, with the formulas of the depth. Viscosity and hyperviscosity act on q (h + b) as they act
-on h + b. Sources of depth (forcing, relaxation) add no tracer. The limiter (clip and assured sum,
-Bradley et al. 2019, doi:10.1137/18M1165414, first in each element, then over the sphere) enforces
-the global bounds of the initial state; it does not make the scheme monotone locally."""
-
-PRICES = """## Cost
-
-williamson5 at ne16 np4 with no, one or four tracers; the limiter is applied once a step.
-
-"""
-
-VORTICES = """## Moving vortices
-
-Nair & Jablonowski (2008), doi:10.1175/2007MWR2105.1, with α = π/4, transported as depth: vortices
-wind up a smooth front into an ever thinner spiral while they cross the corners of the cube. Coarse
-meshes do not resolve the spiral.
-
-"""
-
-REVERSALS = """## Deformational flow, cases 1 to 3
-
-Nair & Lauritzen (2010), doi:10.1016/j.jcp.2010.08.014: the wind reverses after day 6. Without
-dissipation the spatial errors of this model are waves without damping and reverse too, even for
-filaments that the mesh has lost. The remaining error is that of the time steps. These rows show
-consistency (in case 3 the depth varies, and tracers with it) and conservation (mass: relative drift
-of the hills), but they say little about the accuracy of transport. Published errors of schemes with
-damping are not comparable.
-
-"""
-
-CASE_4 = """## Deformational flow, case 4
-
-A background flow carries the tracers once around the planet, so that errors cannot reverse. `--set
-tracers.limiter=true` returns every mixing ratio to its initial bounds after each step. `--set
-hyperviscosity.factor=30` damps unresolved scales in depth and tracers. Without either, the noise
-of lost filaments remains. Under- and overshoots are those of the slotted cylinders; mass is the
-largest relative drift of the four tracers.
-
-"""
-
-MINIMAL = """
-
-Minimal resolution (Lauritzen et al. 2012, doi:10.5194/gmd-5-887-2012): the bells' l2 is {target} at
-a node distance of: {minimal} (np 4, from the last two meshes)."""
-
-FILAMENTS = """## Filaments and mixing on day 6
-
-Case 4. The table gives the area in which the cosine bells reach at least the threshold, in percent
-of the initial area (Lauritzen et al. 2012, section 3.3); 100 is exact.
-
-"""
-
-MIXING = """
-
-The table gives the mean distance from the curve that relates the two tracers "cosine_bells" and
-"correlated" (section 3.5 of the same paper). Real mixing resembles physical mixing of air; unmixing
-and overshooting do not occur in nature.
-
-"""
+main = command(
+    "transport",
+    {
+        "prices": prices, "vortices": vortices, "reversals": reversals, "case-4": case_4,
+        "filaments": kept_filaments, "mixing": mixed,
+    },
+)  # fmt: skip
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)

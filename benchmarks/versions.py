@@ -1,4 +1,4 @@
-"""Right-hand sides and steps beside those of an earlier commit, in turns; writes the page.
+"""Right-hand sides and steps beside those of an earlier commit, in turns.
 
     python benchmarks/versions.py [COMMIT] [--rounds N] [--pairs P]
 
@@ -20,8 +20,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from implicit_common import Section
-from sections import write_page
+from sections import Section, measure
 
 ROOT = Path(__file__).parents[1]
 THEN = "8e73fdc"
@@ -97,12 +96,6 @@ for line in sys.stdin:
     print((time.process_time() - start) / count, flush=True)
 """
 
-HEAD = """# Beside an earlier version
-
-What an earlier version could do already, timed in turns with the present one. 8e73fdc is of 22
-November 2026, before the code was reorganised. Made
-by `python benchmarks/versions.py`."""
-
 
 @contextmanager
 def version(commit: str) -> Iterator[subprocess.Popen[str]]:
@@ -172,7 +165,7 @@ def main(
             measured(commit, rounds, pairs),
         )
 
-    write_page("versions", HEAD, {commit: section}, [])
+    measure("versions", {commit: section}, [commit])
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """Configuration of the site: `pip install ".[docs]"`, then `sphinx-build -W docs site`."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from command_pages import write_command_tables
 from scene_pages import write_scene_catalogue
 
 from swe_sphere import __version__
+from swe_sphere.files.fingerprints import code_fingerprint
 
 project = "swe_sphere"
 author = "the swe_sphere developers"
@@ -39,8 +41,28 @@ html_title = f"swe_sphere {release}"
 html_theme_options = {"navigation_with_keys": True}
 
 
+CODE = re.compile(r"code `([0-9a-f]{16})`|code of an earlier version")
+"""Stamps of measurements in the pages of results."""
+OLDER = """
+
+```{note}
+Numbers of this page were measured with another version of the code or of its libraries than this
+site describes: their stamps state commit and date. `python -m benchmarks` measures them again.
+```
+"""
+
+
+def _mark_older(app, docname, source):
+    """Add a note under the title of a page of results that the current code did not make."""
+    measured = {found[1] for found in CODE.finditer(source[0])}
+    if docname.startswith("results/") and measured - {code_fingerprint()}:
+        title, end, text = source[0].partition("\n")
+        source[0] = title + OLDER + end + text
+
+
 def setup(app):
     app.connect("builder-inited", _write_generated_pages)
+    app.connect("source-read", _mark_older)
 
 
 def _write_generated_pages(app):

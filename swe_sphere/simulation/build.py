@@ -204,7 +204,7 @@ def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:
 
 
 MEMORY = tomllib.loads(Path(__file__).with_name("memory.toml").read_text("utf-8"))
-"""Peak memory of runs, as measured (docs/results/memory.md)."""
+"""Peak memory of runs, as measured (docs/results/performance.md)."""
 
 
 def needed_memory(config: RunConfig, scene: Scene, ne: int, np: int) -> float:

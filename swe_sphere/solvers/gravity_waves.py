@@ -29,10 +29,10 @@ from swe_sphere.solvers.vector_space import VectorSpace
 
 DEEPEST = 0.8
 """Least reference depth, as a fraction of that below the highest surface.  Explicit waves grow
-sooner in fluid deeper than its reference than in shallower fluid (docs/results/imex_steps.md)."""
+sooner in fluid deeper than its reference than in shallower fluid (docs/results/steps.md)."""
 INERTIAL = 1.25
 """Ratio of the limits from advection and from explicit inertial waves of the same frequency,
-measured on meshes coarse enough that inertial waves limit the step (docs/results/imex_steps.md)."""
+measured on meshes coarse enough that inertial waves limit the step (docs/results/steps.md)."""
 
 
 def reference_depth(model: Model) -> Array:
@@ -73,7 +73,7 @@ def explicit_spectrum(model: Model, state: wp.array, t: float = 0.0) -> Spectrum
 
     They are those of advection and, if it is slow, of the Coriolis force. F - L has larger
     eigenvalues, of both together, but with implicit gravity waves these modes do not grow
-    (docs/results/imex_steps.md). With custom effects all of F - L counts. Raises ConfigError for a
+    (docs/results/steps.md). With custom effects all of F - L counts. Raises ConfigError for a
     scene without gravity waves.
     """
     at_rest = state_of_rest(model)

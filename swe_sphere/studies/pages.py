@@ -46,7 +46,7 @@ def _environment(package: str, escape: bool) -> Environment:
     made.globals["mark"] = MARK
     made.filters |= {
         each.__name__: each for each in (
-            anchor, in_table, words.number, words.error, words.level, words.seconds, words.step,
+            in_table, words.number, words.error, words.level, words.seconds, words.step,
             words.times, words.percent,
         )
     }  # fmt: skip
@@ -78,11 +78,6 @@ def write_made(out: Path, files: Mapping[str, str]) -> None:
         check_ours(path)
     for path, text in made.items():
         write_whole(path, text)
-
-
-def anchor(title: str) -> str:
-    """Return the target of links within the page to the section of that title."""
-    return "".join(c for c in title.lower().replace(" ", "-") if c.isalnum() or c == "-")
 
 
 def in_table(text: str) -> str:

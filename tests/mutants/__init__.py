@@ -1,6 +1,7 @@
 """Single faults that the quick verification, or a test, must notice.
 
-`python -m mutants` (in `tests`) plants all of them, one by one, and writes docs/results/mutants.md.
+`python -m mutants` (in `tests`) plants all of them, one by one, and
+writes benchmarks/results/mutants.json.
 """
 
 from __future__ import annotations

@@ -1,11 +1,13 @@
-"""Plant every mutant, print who notices it, and write the page.
+"""Plant every mutant, print which check detects it, and store the table.
 
 cd tests && python -m mutants [--no-write]
 """
 
 from __future__ import annotations
 
+import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
@@ -17,29 +19,25 @@ from rich.console import Console
 from mutants import EDITS, STEP_EDITS, SWAPS
 from mutants.kinds import ROOT, Mutant, copy_sources, verdict_of, verdict_of_tests
 
-HEAD = """# Mutants
+sys.path.append(str(ROOT / "benchmarks"))
 
-Does the quick verification (`swe-sphere verify --quick`) notice a single fault? Each line is one,
-planted alone in the running program or in a copy of the sources, and the case and quantities out of
-bounds because of it. Faults of the last three kinds (tolerance, variable step, metadata) do not
-show in runs with fixed steps and tight solves: of these the test is named that fails.
+from sections import Section, stamp, store
 
-Made by `cd tests && python -m mutants`; those of metric terms, quadrature weights, Coriolis
-parameter, forcing and tableaus are planted by the tests too (`tests/test_mutants.py`).
-
-**{caught} of {count} are caught ({part:.1%}).** {survivors}
-"""
+TABLE = "Single faults, and the check that detects each"
 
 
-def main(write: Annotated[bool, typer.Option(help="Write the page.")] = True) -> None:
+def main(write: Annotated[bool, typer.Option(help="Store the table.")] = True) -> None:
     """Plant them all."""
     wp.config.log_level = wp.LOG_WARNING
+    began = time.perf_counter()
     console, found = Console(markup=False, highlight=False), []
     for mutant, notice in _all():
         console.print(f"{mutant.name}: {notice or 'SURVIVES'}", style="" if notice else "bold red")
         found.append((mutant, notice))
     if write:
-        (ROOT / "docs" / "results" / "mutants.md").write_text(_page(found), encoding="utf-8")
+        rows = [[m.name, f"`{m.where}`", notice or "**nothing**"] for m, notice in found]
+        section = Section(TABLE, "", ["fault", "where", "detected by"], rows)
+        store("mutants", {"faults": vars(section) | stamp(time.perf_counter() - began)})
 
 
 def _all() -> Iterator[tuple[Mutant, str | None]]:
@@ -55,17 +53,6 @@ def _all() -> Iterator[tuple[Mutant, str | None]]:
             raise SystemExit(f"a test fails without any mutant: {blamed}")
         for edit in (*EDITS, *STEP_EDITS):
             yield edit, edit.caught(copy)
-
-
-def _page(found: list[tuple[Mutant, str | None]]) -> str:
-    survivors = [mutant.name for mutant, notice in found if notice is None]
-    caught = len(found) - len(survivors)
-    told = f"Survivors: {'; '.join(survivors)}." if survivors else "There are no survivors."
-    head = HEAD.format(caught=caught, count=len(found), part=caught / len(found), survivors=told)
-    lines = ["| fault | where | noticed by |", "|---|---|---|"]
-    for mutant, notice in found:
-        lines.append(f"| {mutant.name} | `{mutant.where}` | {notice or '**nothing**'} |")
-    return head + "\n" + "\n".join(lines) + "\n"
 
 
 if __name__ == "__main__":

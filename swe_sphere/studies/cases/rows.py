@@ -13,14 +13,14 @@ from typing import Any
 
 import pandas as pd
 
-from swe_sphere.files.fingerprints import versions
+from swe_sphere.files.fingerprints import code_fingerprint, versions
 from swe_sphere.settings.values import read_toml
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.summary import finite
 from swe_sphere.studies.cases.case import NORMS, ORDERS, Case, Check, families
 from swe_sphere.studies.cases.measure import TIMES, Measure, Tick, measure
 from swe_sphere.studies.jobs import in_processes
-from swe_sphere.studies.pages import anchor, rendered
+from swe_sphere.studies.pages import rendered
 from swe_sphere.studies.record_store import STOPPED, Store
 
 OUTCOMES = ("passed", "refused", "broke", "failed")
@@ -219,22 +219,24 @@ def page(folder: str, rows: Sequence[Row], command: str) -> str:
     for family in families(folder).values():
         mine = [row for row in rows if row.case.family == family.name]
         if mine:
-            table = pd.DataFrame(map(cells_of, mine))
+            # of hard runs those that did not pass are shown, and the same runs with a remedy
+            hard = {row.case.name for row in mine if folder == "verification" or not row.passed}
+            shown = [row for row in mine if row.case.name.partition("+")[0] in hard]
+            table = pd.DataFrame(map(cells_of, shown))
             table = table.loc[:, (table != "").any()]
             reasons: dict[str, list[str]] = {}
             for row in mine:
-                if row.reason:
+                if row.reason and row.outcome != "refused":
                     reasons.setdefault(f"{row.outcome}: {row.reason}", []).append(row.case.name)
             cases = {row.case.name: row.case for row in mine}
             sections.append((family, [*table], table.values, mine, cases, reasons))
             numbers = [*count_outcomes(mine).values(), len(family.cases) - len(mine)]
-            summary.append([f"[{family.title}](#{anchor(family.title)})", *map(str, numbers)])
+            summary.append([family.title, *map(str, numbers)])
     return rendered(
         "swe_sphere.studies.cases", f"{folder}.md.j2", _label, _quantity, sections=sections,
-        command=command,
+        command=command, counts=count_outcomes(rows), code=code_fingerprint(),
         summary=(["group", *OUTCOMES, "not run"], summary), count=len(rows),
-        failed=sum(not row.passed for row in rows), mass=max(map(_drift, rows), default=0.0),
-        stepping=sum(row.seconds for row in rows),
+        mass=max(map(_drift, rows), default=0.0), stepping=sum(row.seconds for row in rows),
         seconds=sum(row.quantities.get("seconds", 0.0) for row in rows), **versions(),
     )  # fmt: skip
 
