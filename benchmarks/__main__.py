@@ -59,8 +59,9 @@ PARTS = {
         "results/evans2010/README", "3 hours",
         ("-m swe_sphere sweep --recipe evans2010 --out docs/results/evans2010",),
     ),
-    "regimes": Part(
-        "regimes/README", "", ("-m swe_sphere sweep --recipe regimes --out docs/regimes",)
+    "resolution": Part(
+        "results/resolution/README", "",
+        ("-m swe_sphere sweep --recipe resolution --out docs/results/resolution",),
     ),
     "steps": Part(
         "results/steps", "1 hour",

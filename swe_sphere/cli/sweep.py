@@ -48,7 +48,7 @@ def sweep(
     if out is None:
         raise ConfigError("out: give the folder of the sweep (--out DIR)")
     loaded = None if recipe is None else load_recipe(recipe)
-    mapped = loaded is not None and bool(loaded.axis)
+    mapped = loaded is not None and loaded.is_map
     plans = [] if report_only else _planned(given(values, SweepPlan), loaded, out)
     for name in [*([] if mapped else [REPORT]), *([PAGE] if loaded else [])]:
         check_ours(out / name)
@@ -59,8 +59,8 @@ def sweep(
         completed |= bool((compared == "completed").any())
         if not mapped and not quiet:
             _show_sweep(dataset)
-    from swe_sphere.studies.regimes import write_map  # matplotlib is slow to import
     from swe_sphere.studies.report import write_report
+    from swe_sphere.studies.resolution import write_map  # matplotlib is slow to import
 
     for folder in _begun(out) if report_only or loaded else ():
         if folder not in datasets:
@@ -102,7 +102,7 @@ def _planned(
     if recipe is None:
         return [(out, make_plan(flags))]
     plans = recipe.plans(flags)
-    if recipe.axis and any(plan.jobs > 1 for plan in plans):
+    if recipe.is_map and any(plan.jobs > 1 for plan in plans):
         raise ConfigError("jobs: a map ranks by CPU time, which jobs distort: leave jobs out")
     return [(out / folder_of(dict(plan)), plan) for plan in plans]
 

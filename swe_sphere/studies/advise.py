@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 REPRESENTATIVES = ("forward-backward", "rk4", "semi-implicit", "epi2", "tr-bdf2")
 """Steppers that are measured: of each family the one that is cheapest at most places of the map
-of regimes, and the classical explicit one."""
+along resolution, and the classical explicit one."""
 RUNS = 200.0
 """Cost of a search, in runs of rk4 with its longest step over the same days."""
 TIMED_STEPS = 8

@@ -62,12 +62,12 @@ class Section:
     @property
     def anchor(self) -> str:
         """Part of the anchors of rows, which are numbered through the sweep."""
-        return _slug(self.title)
+        return slug(self.title)
 
     @property
     def name(self) -> str:
         """Part of the names of files, and the anchor of the section."""
-        return _slug(f"{self.title} {self.mesh}")
+        return slug(f"{self.title} {self.mesh}")
 
     @property
     def headline(self) -> str:
@@ -112,7 +112,7 @@ def _searched(runs: pd.DataFrame, plan: Mapping[str, Any]) -> list[Metric]:
     return sorted(found, key=lambda of: (kinds.index(of.kind), -of.day))[:1]
 
 
-def _slug(text: str) -> str:
+def slug(text: str) -> str:
     """Return a text as a part of file names and anchors."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
 

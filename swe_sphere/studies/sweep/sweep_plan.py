@@ -6,7 +6,6 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import pandas as pd
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from swe_sphere.equations.scene import MOST_ELEMENTS, Scene
@@ -192,10 +191,6 @@ def _check_jobs(plan: SweepPlan, own: Scene | None) -> None:
 
 
 RECIPES = Path(__file__).with_name("recipes")
-PLACE = ("ne", "np", "stretch")
-FROUDE = "froude"
-"""Axes of maps beside settings: those of the mesh, and the Froude number U/c, the largest wind over
-the speed of the fastest gravity waves, both of the initial state."""
 
 
 @dataclass(frozen=True)
@@ -209,14 +204,14 @@ class Recipe:
     """Markdown before the results of all."""
     notes: Mapping[str, str] = field(default_factory=dict)
     """Markdown after the results of a scene."""
-    axis: str = ""
-    """Axis of the map of all sweeps that is wanted in the place of a report of each, if any is."""
+    is_map: bool = False
+    """Whether one map along resolution replaces the report of each sweep."""
 
     def plans(self, flags: Mapping[str, object]) -> list[SweepPlan]:
         """Return the plans; values of flags replace the recipe's.
 
-        A scene among them selects the sweeps of that scene. Raises ConfigError for a scene that the
-        recipe does not have, for a sweep that cannot be on the map, and as `make_plan`.
+        A scene among them chooses the sweeps of that scene.  Raises ConfigError for a scene that
+        the recipe does not have, for a sweep of a map without target errors, and as `make_plan`.
         """
         scene = flags.get("scene")
         chosen = [values for values in self.sweeps if scene in (None, values.get("scene"))]
@@ -224,13 +219,8 @@ class Recipe:
             scenes = ", ".join(str(values.get("scene")) for values in self.sweeps)
             raise ConfigError(f"the recipe has no scene {scene!r}; it has {scenes}")
         plans = [make_plan(values | {**flags}) for values in chosen]
-        for plan in plans if self.axis else ():
-            given = plan.run_config().settings
-            settings = {f"{each.owner}.{each.parameter}": each.value for each in given}
-            values = dict.fromkeys((*PLACE, FROUDE), 0.0) | settings
-            if pd.isna(pd.to_numeric(values.get(self.axis), errors="coerce")):
-                raise ConfigError(f"map: a sweep of {plan.scene} has no axis {self.axis}")
-            if not plan.target_error:
+        for plan in plans:
+            if self.is_map and not plan.target_error:
                 raise ConfigError(f"map: a sweep of {plan.scene} has no target-error")
         return plans
 
@@ -239,10 +229,9 @@ def load_recipe(name: str) -> Recipe:
     """Return the recipe of that name, or in the TOML file of that path.
 
     A file has a `title`, perhaps an `introduction`, keys that all sweeps share, and for each a
-    table [[sweep]], perhaps with a `note`; or just the keys of one sweep. A table [sweep.each] with
-    lists by key defines a sweep of every combination. `map` names the axis of one map of all: ne,
-    np, stretch, froude, or a setting such as "scene.speed". Raises ConfigError if there is no such
-    recipe or it cannot be read.
+    table [[sweep]], perhaps with a `note`; or just the keys of one sweep.  A table
+    [sweep.each] with lists by key makes a sweep of every combination.  `map = true` replaces
+    reports by one map.  Raises ConfigError if there is no such recipe or it cannot be read.
     """
     path = Path(name)
     if path.suffix != ".toml":
@@ -251,14 +240,14 @@ def load_recipe(name: str) -> Recipe:
         path = RECIPES / f"{name}.toml"
     table = read_toml(path)
     title, introduction = str(table.pop("title", path.stem)), str(table.pop("introduction", ""))
-    axis, sweeps = table.pop("map", ""), table.pop("sweep", [{}])
-    if not isinstance(axis, str):
-        raise ConfigError(f'{path}: map names an axis: "ne", "froude", "scene.speed", ...')
+    is_map, sweeps = table.pop("map", False), table.pop("sweep", [{}])
+    if not isinstance(is_map, bool):
+        raise ConfigError(f"{path}: map must be true or false, got {is_map!r}")
     if not isinstance(sweeps, list) or not all(isinstance(each, dict) for each in sweeps):
         raise ConfigError(f"{path}: sweeps are tables [[sweep]]")
     notes = {folder_of(table | each): str(each.pop("note")) for each in sweeps if "note" in each}
     single = [by_field(one) for each in sweeps for one in _combinations(path, table | each)]
-    return Recipe(title, tuple(single), introduction, notes, axis)
+    return Recipe(title, tuple(single), introduction, notes, is_map)
 
 
 def folder_of(sweep: Mapping[str, Any]) -> str:
