@@ -5,6 +5,8 @@ import os
 import secrets
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
 
 import numpy as np
 import pytest
@@ -50,6 +52,51 @@ def test_a_temporary_name_is_another_one_each_time_and_is_locked(tmp_path, folde
         os.close(file)
     assert len(names) == 5
     assert [each.name for each in tmp_path.iterdir()] == [part.name]  # those before were left
+
+
+@pytest.mark.parametrize("amid", ["before", "after", "renamed"])
+@pytest.mark.parametrize("folder", [False, True])
+def test_of_two_programs_that_claim_a_file_at_once_one_gets_it(tmp_path, monkeypatch, folder, amid):
+    path, create, held = tmp_path / "run.nc", durable._create, []
+
+    def created(path, folder):
+        monkeypatch.setattr(durable, "_create", create)
+        if amid == "after":
+            held.append(create(path, folder))
+            with pytest.raises(ConfigError, match="another program writes it"):
+                claim(path, folder)
+            return held[0]
+        held.append(claim(path, folder))
+        if amid == "renamed":
+            take_place(held[0][1], path)
+        return create(path, folder)
+
+    monkeypatch.setattr(durable, "_create", created)
+    if amid == "after":
+        assert claim(path, folder) == held[0]
+    else:
+        with pytest.raises(ConfigError, match="another program writes it"):
+            claim(path, folder)
+    assert len([*tmp_path.iterdir()]) == 1
+
+
+def test_of_many_that_claim_a_file_at_once_one_gets_it(tmp_path):
+    """Locks belong to open files, so that threads are as good as processes."""
+    start = Barrier(8)
+
+    def claimed(path):
+        start.wait()
+        try:
+            return claim(path)
+        except ConfigError as error:
+            assert "another program writes it" in str(error)
+
+    with ThreadPoolExecutor(8) as threads:
+        for attempt in range(10):
+            path = tmp_path / f"{attempt}.nc"
+            (held,) = filter(None, threads.map(claimed, [path] * 8))
+            assert [*tmp_path.glob(f".{attempt}*")] == [held[1]]
+            os.close(held[0])
 
 
 @pytest.mark.parametrize("planted", ["file", "link", "dangling", "folder"])

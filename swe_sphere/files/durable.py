@@ -10,6 +10,7 @@ import hashlib
 import os
 import secrets
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from glob import escape
@@ -25,6 +26,8 @@ SHOWN = 40
 NEW_FILE = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
 OLD_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW
 """Flags that open a temporary file, which must not exist, and a temporary folder."""
+PATIENCE = 0.2
+"""Time for which a program waits for others that claim the same file [s]."""
 
 
 def write_whole(path: Path, contents: str | bytes) -> None:
@@ -115,18 +118,29 @@ def claim(path: Path, folder: bool = False) -> tuple[int, Path]:
     killed while it replaced it; OSError if the file or folder cannot be created.
     """
     check_moved(path)
-    if path.exists():
-        if not (path.is_dir() if folder else path.is_file()):
-            what = "folder" if folder else "file"
-            raise ConfigError(f"cannot write {path}: it is not a {what}")
-        os.close(_locked(path, os.O_RDONLY, path))
-    _remove_unfinished(path)
-    return _create(path, folder)
+    if path.exists() and not (path.is_dir() if folder else path.is_file()):
+        what = "folder" if folder else "file"
+        raise ConfigError(f"cannot write {path}: it is not a {what}")
+    file, part = _create(path, folder)
+    wait = PATIENCE
+    while True:  # of programs that create their files at once, that of the first name stays
+        try:
+            _remove_unfinished(path, part)
+            if path.exists():  # looked at last: temporary files are renamed to it
+                os.close(_locked(path, os.O_RDONLY, path))
+            return file, part
+        except (ConfigError, OSError):
+            if not wait or min(_marked(path), default=None) != part:
+                os.close(file)
+                remove(part)
+                raise
+        time.sleep(wait)
+        wait = 0.0
 
 
-def _remove_unfinished(path: Path) -> None:
+def _remove_unfinished(path: Path, own: Path | None = None) -> None:
     """Remove temporary files of killed programs; ConfigError if a program still writes one."""
-    for left in _marked(path):
+    for left in [each for each in _marked(path) if each != own]:
         with suppress(FileNotFoundError):
             os.close(_locked(left, os.O_RDONLY | os.O_NOFOLLOW, path))
             remove(left)
@@ -162,10 +176,11 @@ def check_free(path: Path, overwrite: bool) -> None:
 def _locked(place: Path, flags: int, path: Path) -> int:
     """Open a file and lock it; ConfigError if another program has locked or renamed it."""
     file = os.open(place, flags, 0o666)
-    if not (take_lock(file) and os.path.samestat(place.stat(), os.fstat(file))):
-        os.close(file)
-        raise ConfigError(f"cannot write {path}: another program writes it")
-    return file
+    with suppress(FileNotFoundError):  # removed before it was locked
+        if take_lock(file) and os.path.samestat(place.stat(), os.fstat(file)):
+            return file
+    os.close(file)
+    raise ConfigError(f"cannot write {path}: another program writes it")
 
 
 def take_place(part: Path, path: Path) -> None:

@@ -225,6 +225,27 @@ METADATA = _edits(
         "*self._depth)) < 0.0",
     ),
     (
+        "a negative depth is noticed below -1000 m only",
+        "swe_sphere/simulation/observers.py",
+        ("test_health.py::test_depth_is_checked_from_both_sides_of_zero",),
+        "*self._depth)) <= 0.0",
+        "*self._depth)) <= -1000.0",
+    ),
+    (
+        "a restart does not inherit the tolerance",
+        "swe_sphere/simulation/restart.py",
+        ("test_inherited.py",),
+        '*OF_ONE_RUN, "scene",',
+        '*OF_ONE_RUN, "tolerance", "scene",',
+    ),
+    (
+        "programs that claim a file at once are not noticed",
+        "swe_sphere/files/durable.py",
+        ("test_temporary_names.py::test_of_two_programs_that_claim_a_file_at_once_one_gets_it",),
+        "_remove_unfinished(path, part)",
+        "pass",
+    ),
+    (
         "energy may grow by the root of its bound more",
         "swe_sphere/simulation/observers.py",
         ("test_health.py::test_energy_is_checked_from_both_sides_of_its_bound",),
