@@ -13,6 +13,7 @@ import scipy.sparse as sp
 import warp as wp
 from support import IMEX, advance, make_scene, random_state, relative
 
+from swe_sphere import Simulation
 from swe_sphere.equations.effects import Viscosity
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError, RunFailed
@@ -29,6 +30,7 @@ from swe_sphere.solvers.gravity_waves import (
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.leapfrog import Leapfrog
 from swe_sphere.steppers.stability import runge_kutta_growth, tableau
+from swe_sphere.studies.cases.scenes import thin_flow
 from swe_sphere.testcases import get_scene
 
 RUNGE_KUTTA = ("ark2", "ars343")
@@ -96,6 +98,32 @@ def test_reference_depth_is_that_below_a_level_surface_and_deep_enough(small_mes
     surface = reference_depth(mountain) + mountain.bottom
     assert np.ptp(mountain.bottom) > 1000.0
     assert surface == pytest.approx(surface.mean(), rel=1e-12)
+
+
+def test_reference_depth_is_at_most_that_of_the_fluid(small_mesh) -> None:
+    """A layer of 10 m over a bottom that falls by 1900 m, balanced by its wind."""
+    layer = Model(small_mesh, thin_flow(10.0, 1.0))
+    assert np.ptp(layer.bottom) > 1000.0
+    assert 8.0 <= reference_depth(layer).min() <= reference_depth(layer).max() <= 10.0
+
+
+def test_coriolis_force_limits_steps_where_waves_are_slower_than_the_wind(small_mesh) -> None:
+    """Implicit waves do not hold inertial oscillations then, which the wind carries along."""
+    layer, deep = (Model(small_mesh, scene) for scene in (thin_flow(1.0, 0.0), thin_flow(1e4, 0.0)))
+    slow, fast = (
+        STEPPERS["semi-implicit"].spectrum(model, model.initial_state()).wave
+        for model in (layer, deep)
+    )
+    assert slow - np.abs(layer.coriolis).max() == pytest.approx(fast, rel=0.1)
+
+
+@pytest.mark.parametrize(("depth", "alpha"), [(10.0, 1.0), (1.0, 0.0)])
+@pytest.mark.thorough
+def test_wind_faster_than_the_waves_is_stable_over_a_slope(depth: float, alpha: float) -> None:
+    """Before, the automatic step grew errors to 5e-5 in three days or ended the run."""
+    scene, damped = thin_flow(depth, alpha), {"edge-penalty.c": 0.01}
+    sim = Simulation(scene, ne=4, np=6, stepper="semi-implicit", effects=damped)
+    assert sim.run(days=3)["l2_v"] < 3e-5
 
 
 def test_what_cannot_be_semi_implicit_is_refused(small_mesh) -> None:

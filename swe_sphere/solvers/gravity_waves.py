@@ -38,8 +38,8 @@ measured on meshes coarse enough that inertial waves limit the step (docs/result
 def reference_depth(model: Model) -> Array:
     """Return the depth (N,) [m] below the mean initial surface, or 0.8 of that below the highest.
 
-    The larger of both is used. In linearised dynamics it is the depth of the base. Raises
-    ConfigError for a scene without gravity waves.
+    The larger of both is used, but at most the largest initial depth. In linearised dynamics it is
+    the depth of the base. Raises ConfigError for a scene without gravity waves.
     """
     if model.scene.effect("pressure-gradient") is None:
         raise ConfigError(
@@ -51,13 +51,12 @@ def reference_depth(model: Model) -> Array:
     surface: Array = depth + model.bottom
     mean = np.average(surface, weights=model.mesh.area)
     deep: Array = np.maximum(mean - model.bottom, DEEPEST * (surface.max() - model.bottom))
-    return deep
+    return deep.clip(max=depth.max())
 
 
 def state_of_rest(model: Model) -> wp.array:
     """Return a fluid (3N,) at rest with the reference depth."""
-    winds = np.zeros(2 * model.mesh.size)
-    return model.device_mesh.scatter(np.concatenate([winds, reference_depth(model)]))
+    return model.device_mesh.scatter(np.pad(reference_depth(model), (2 * model.mesh.size, 0)))
 
 
 def wave_operator(model: Model, rest: wp.array) -> Operator:

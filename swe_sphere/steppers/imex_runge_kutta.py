@@ -14,7 +14,7 @@ from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.vectors import AT_ONCE
-from swe_sphere.solvers.gravity_waves import explicit_spectrum
+from swe_sphere.solvers.gravity_waves import explicit_spectrum, reference_depth
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.flow_limit import strongest_advection
 from swe_sphere.steppers.stability import (
@@ -61,12 +61,15 @@ class ImexStepper(Stepper):
 
     @classmethod
     def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
-        """Return the spectral radii [s-1] of F - L, with L the implicit waves.
+        """Return the spectral radii [s-1] of F - L at the strongest wind of a trial run.
 
-        They are those of advection at the strongest wind of a trial run: see `strongest_advection`.
+        If the initial wind is faster than the gravity waves, the Coriolis force adds to advection.
         """
         at_start = explicit_spectrum(model.inviscid, state, t)
-        return replace(at_start, wave=max(at_start.wave, strongest_advection(model)))
+        wave, depth = max(at_start.wave, strongest_advection(model)), reference_depth(model)
+        if model.strongest_wind**2 > model.scene.planet.gravity * depth.max():
+            wave += float(np.abs(model.coriolis).max())
+        return replace(at_start, wave=wave)
 
     @classmethod
     def growth(cls, z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
