@@ -1,7 +1,10 @@
 """Steps that change their length during a run: plans, orders, restarts, counts, the summary."""
 
+import gc
+
 import numpy as np
 import pytest
+import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from manufactured import DURATION, MESH, STEPS, answer, manufactured, tight
@@ -209,6 +212,23 @@ def test_steppers_keep_their_order_where_the_step_changes(name, monkeypatch):
         errors.append(float(np.abs((stepper.state.numpy() - answer(DURATION)) / scale).max()))
     # coarse steps do not show the order, and the finest ones reach the solver tolerance
     assert np.log2(np.array(errors[:-1]) / errors[1:]).max() > STEPPERS[name].order - 0.3
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("stepper", ["semi-implicit", "tr-bdf2"])
+def test_changes_of_step_do_not_keep_the_memory_of_earlier_solvers(stepper, monkeypatch):
+    sim, held, make = small(stepper=stepper), [], Simulation._make_stepper
+
+    def made(sim, *arguments):
+        gc.collect()
+        held.append(sum(x.capacity for x in gc.get_objects() if type(x) is wp.array))
+        return make(sim, *arguments)
+
+    monkeypatch.setattr(Simulation, "_make_stepper", made)
+    for end in np.cumsum([0.03, 0.02, 0.013] * 3):
+        assert sim.run(days=end).completed
+    assert len(held) == 9
+    assert held[-1] - held[2] < 6 * 8 * sim.stepper.state.capacity  # what recordings hold
 
 
 def test_wall_time_is_counted_once_over_a_change_of_step():

@@ -350,6 +350,7 @@ class Simulation:
             return
         steps, now, spent = self.steps, self.time, self.counts()
         spent["wall_seconds"] -= self.wall_seconds
+        self.model.launch.forget()  # recorded commands reference the arrays of the old stepper
         stepper = self._make_stepper(dt, cycle)
         self._spent = spent
         self._lengths.append((steps, now, dt))
