@@ -243,7 +243,7 @@ def test_any_order_of_dimensions_and_any_kind_of_whole_numbers_will_do(run):
     xr.testing.assert_allclose(data.transpose().swe.integrals(), data.swe.integrals())
     for make in (lambda ds: ds.to_latlon(19.5), lambda ds: ds.to_gaussian("x"),
                  lambda ds: ds.spectrum(2.5)):  # fmt: skip
-        with pytest.raises(ConfigError, match="must be a whole number, not"):
+        with pytest.raises(ConfigError, match="must be a whole number, got"):
             make(data.swe)
 
 

@@ -213,7 +213,7 @@ def test_ctrl_c_ends_an_ensemble_with_130_and_the_same_command_goes_on(tmp_path,
         patch.setattr(Interruption, "received", told, raising=False)
         with pytest.raises(SystemExit) as ended:
             main(line)
-    assert ended.value.code == 130 and "the same command goes on" in capsys.readouterr().err
+    assert ended.value.code == 130 and "the same command runs the others" in capsys.readouterr().err
     with pytest.raises(SystemExit) as ended:
         main(line)
     told = capsys.readouterr()

@@ -189,7 +189,7 @@ def test_deep_json_in_a_checkpoint_is_one_line(copied, deep):
     text = nested if deep == "header" else json.dumps(header)
     with path.open("wb") as file:
         np.savez(file, **arrays | {"header": np.array(text)})
-    with pytest.raises(ConfigError, match=r"is damaged|does not say its configuration"):
+    with pytest.raises(ConfigError, match=r"is damaged|does not state its configuration"):
         Simulation.from_checkpoint(path)
 
 

@@ -66,7 +66,7 @@ def test_what_is_no_record_is_named_in_one_line(tmp_path, text, complaint):
     path = tmp_path / "000001.json"
     path.write_text(text)
     for read in (lambda: Store(tmp_path, Number), lambda: read_record(path, Number)):
-        with pytest.raises(ConfigError, match=r"000001\.json is no record") as error:
+        with pytest.raises(ConfigError, match=r"000001\.json is not a record") as error:
             read()
         assert complaint in str(error.value) and "\n" not in str(error.value)
 

@@ -89,7 +89,7 @@ def test_rows_of_other_code_are_made_again_and_never_mixed(tmp_path, monkeypatch
         other.setattr("swe_sphere.studies.sweep.runs.code_fingerprint", lambda: "other")
         notes = Notes()
         second = sweep("lauter", ["rk4", "kg5"], watcher=notes, **options)
-        assert "3 of 3 runs there are left out" in notes.told[0]
+        assert "3 of 3 runs there are ignored" in notes.told[0]
         assert "the code of swe_sphere changed since" in notes.told[0]
         assert second.sizes["run"] == 4 and len(finished(tmp_path)) == 7
         assert fields.isdisjoint({*(tmp_path / "converged").iterdir()} - fields)
@@ -108,7 +108,7 @@ def test_times_of_two_machines_are_never_mixed(tmp_path, monkeypatch):
         other.setattr("swe_sphere.studies.sweep.runs.processor", lambda _: "an abacus")
         notes = Notes()
         there = sweep("lauter", "rk4", watcher=notes, **options)
-    assert "3 of 3 runs there are left out" in notes.told[0]
+    assert "3 of 3 runs there are ignored" in notes.told[0]
     assert "the processor changed since" in notes.told[0]
     assert there.sizes["run"] == here.sizes["run"] and len(finished(tmp_path)) == 6
     assert_same_rows(sweep("lauter", "rk4", **options), here)
