@@ -160,7 +160,8 @@ def test_steppers_take_it_as_they_take_the_package_s_own(path: Path, stepper: st
         ends.append(advance(stepper, model, model.initial_state(), 600.0, 3000.0))
     mine, theirs = ends
     assert relative(mine.state.numpy(), theirs.state.numpy(), 3) < 1e-12
-    assert mine.counters == theirs.counters
+    counts = [dict(end.counters, setup_seconds=0.0) for end in ends]
+    assert counts[0] == counts[1]
 
 
 def test_without_a_derivative_newton_takes_differences(path: Path) -> None:

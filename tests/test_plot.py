@@ -447,7 +447,7 @@ def test_fields_of_ones_own_are_drawn_and_compared_with_their_units(tmp_path, mo
         assert kind.plain_units == "m⁻¹ s⁻¹"
     axes = open_run(path).swe.plot("pv")
     (label,) = (each.get_xlabel() for each in axes.figure.axes if each.get_xlabel())
-    assert label == "potential vorticity [10$^{-8}$ m$^{-1}$ s$^{-1}$]"
+    assert label == "potential vorticity [m$^{-1}$ s$^{-1}$]"
     for draw in (lambda: plot_file(path, "pw"), lambda: compare(path, path, "pw")):
         with pytest.raises(ConfigError, match=r"unknown field 'pw'; .*pv"):
             draw()
