@@ -32,7 +32,7 @@ from sections import DATA, PAGES, ROOT, is_current, load, stamp
 
 
 class Part(NamedTuple):
-    """What a page of the documentation shows, and how it is measured."""
+    """Page of the documentation, with the scripts that measure its tables."""
 
     page: str
     """File in `docs` without its ending."""

@@ -205,7 +205,7 @@ class Recipe:
     notes: Mapping[str, str] = field(default_factory=dict)
     """Markdown after the results of a scene."""
     is_map: bool = False
-    """Whether one map along resolution replaces the report of each sweep."""
+    """True if one map along resolution replaces the report of each sweep."""
 
     def plans(self, flags: Mapping[str, object]) -> list[SweepPlan]:
         """Return the plans; values of flags replace the recipe's.
