@@ -48,7 +48,7 @@ print(peak() - before)
      ("semi-implicit", 16, 8), ("tr-bdf2", 16, 6)],
 )  # fmt: skip
 def test_estimate_is_what_a_run_takes(stepper: str, ne: int, np_: int) -> None:
-    """The estimate is at most that of docs/results/performance.md, in bytes an element node."""
+    """A run takes at most the bytes an element node of docs/results/performance.md."""
     given = {"scene": "williamson5", "stepper": stepper, "ne": ne, "np": np_, "days": 0.01}
     command = [sys.executable, "-c", MEASURE, json.dumps(given)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
