@@ -70,7 +70,7 @@ PARTS = {
     ),
     "implicit": Part("results/implicit", "", ("benchmarks/implicit.py",), ("implicit",)),
     "transport": Part(
-        "results/transport", "", ("benchmarks/transport.py", "benchmarks/tracer_steps.py"),
+        "results/verification", "", ("benchmarks/transport.py", "benchmarks/tracer_steps.py"),
         ("transport", "tracer_steps"),
     ),
     "performance": Part(
@@ -80,7 +80,8 @@ PARTS = {
         ("performance", "memory", "start_up", "versions"),
     ),
     "scaling": Part(
-        "results/scaling", "", ("benchmarks/gpu.py", "benchmarks/scaling.py"), ("gpu", "scaling")
+        "results/performance", "", ("benchmarks/gpu.py", "benchmarks/scaling.py"),
+        ("gpu", "scaling"),
     ),
     "peers": Part("results/peers", "", ("benchmarks/time_to_error.py",), ("peers",)),
     "effects": Part(

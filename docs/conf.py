@@ -7,7 +7,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 from command_pages import write_command_tables
-from scene_pages import write_scene_catalogue
+from scene_pages import write_scene_sections
 
 from swe_sphere import __version__
 from swe_sphere.files.fingerprints import code_fingerprint
@@ -68,5 +68,5 @@ def setup(app):
 def _write_generated_pages(app):
     """Write the pages that are made of the program, before Sphinx lists all pages."""
     reference = Path(app.srcdir) / "reference"
-    write_scene_catalogue(reference / "scene_catalogue.md")
+    write_scene_sections(reference / "generated" / "scenes.md")
     write_command_tables(reference / "generated" / "commands.md")

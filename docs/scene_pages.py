@@ -12,19 +12,15 @@ from swe_sphere.testcases import SCENES, get_scene
 GALLERY = Path(__file__).parent / "reference" / "gallery"
 COMMANDS = tomllib.loads((GALLERY / "commands.toml").read_text())
 CASES = Path(swe_sphere.studies.cases.__file__).with_name("verification")
-HEAD = """# Catalogue of scenes
-
-Each section shows the formula, the source, the effects and the parameters of a scene, and the
-errors that a correct model does not exceed. [Scenes](scenes.md) lists all scenes in one table. The
-pictures are from coarse meshes; `python benchmarks/gallery.py` draws them again."""
 
 
-def write_scene_catalogue(file):
-    """Write the page of all scenes; a page that has not changed stays."""
+def write_scene_sections(file):
+    """Write a section for each scene; an unchanged file stays."""
     cases = _cases()
     sections = [_section(name, factory, cases.get(name, [])) for name, factory in SCENES.items()]
-    text = "\n\n".join([HEAD, *sections]) + "\n"
+    text = "\n\n".join(sections) + "\n"
     if not file.exists() or file.read_text() != text:
+        file.parent.mkdir(exist_ok=True)
         file.write_text(text)
 
 
@@ -33,7 +29,7 @@ def _section(name, factory, cases):
     described, arguments = _described(factory)
     effects = ", ".join(f"`{effect.name}`" for effect in scene.effects)
     parts = [
-        f"## {name}",
+        f"### {name}",
         _picture(name),
         described,
         f"* **Source**: {scene.reference}.\n"

@@ -72,7 +72,7 @@ INLINE = re.compile(
     r"(?:| [^`]*)(?<!--live vorticity))`"
 )
 """A whole one in the text, but for that which needs a terminal."""
-GENERATED = ("reference/generated/*", "reference/scene_catalogue.md")
+GENERATED = ("reference/generated/*",)
 """Pages in docs that are written when the site is built."""
 PAGES = [
     ROOT / "README.md",

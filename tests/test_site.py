@@ -32,7 +32,7 @@ def site(tmp_path_factory):
 
 @pytest.mark.thorough
 def test_every_scene_has_a_section_with_its_source_and_its_formula(site):
-    page = (site / "reference" / "scene_catalogue.html").read_text()
+    page = (site / "reference" / "scenes.html").read_text()
     parts = page.split('<section id="')
     sections = {part.partition('"')[0]: part for part in parts}
     for name in SCENES:
