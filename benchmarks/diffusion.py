@@ -16,10 +16,10 @@ import typer
 import warp as wp
 from rich.console import Console
 from rich.table import Table
+from sections import stamp, stamp_text
 
 from swe_sphere.equations.effects import Hyperviscosity
 from swe_sphere.equations.model import Model
-from swe_sphere.files.fingerprints import machine
 from swe_sphere.io.integrals import by_name, field_errors
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
@@ -128,10 +128,10 @@ def main(
     pairs = [Pair(*case) for case in CASES.items()]
     explicit = [pair.row(name, rounds) for pair in pairs for name in NAMES]
     implicit = [pairs[0].implicit_row(dt) for dt in STEPS]
-    note = f"CPU: median of {rounds} alternating batches. {machine()}."
+    note = f"CPU: median of {rounds} alternating batches. {stamp_text(stamp())}"
     for mark, head, rows, told in (
         ("hyperviscosity", HEAD, explicit, note),
-        ("hyperviscosity, implicit", IMPLICIT_HEAD, implicit, f"{machine()}."),
+        ("hyperviscosity, implicit", IMPLICIT_HEAD, implicit, stamp_text(stamp())),
     ):
         table = Table(*head)
         for row in rows:

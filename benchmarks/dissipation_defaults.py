@@ -15,6 +15,7 @@ import numpy as np
 import typer
 from rich.console import Console
 from rich.table import Table
+from sections import stamp, stamp_text
 
 from swe_sphere import Simulation
 from swe_sphere.equations.effects import hyperviscosity_default
@@ -94,7 +95,7 @@ def main(
         before, after = text.split(START)[0], text.split(END)[1]
         both = [HEAD, tuple("---" for _ in HEAD), *lines]
         body = "\n".join("| " + " | ".join(line) + " |" for line in both)
-        write.write_text(f"{before}{START}\n{body}\n{END}{after}")
+        write.write_text(f"{before}{START}\n{body}\n\n{stamp_text(stamp())}\n{END}{after}")
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ import warp as wp
 from generated import Cost, cost
 from rich.console import Console
 from rich.table import Table
+from sections import stamp, stamp_text
 
 from swe_sphere.equations.effects import (
     Drag,
@@ -38,7 +39,6 @@ from swe_sphere.equations.effects import (
 )
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import Scene
-from swe_sphere.files.fingerprints import machine
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import Launcher
 from swe_sphere.steppers import STEPPERS
@@ -265,7 +265,7 @@ def _replace_table(
     lines = [head, tuple("---" for _ in head), *rows]
     text = page.read_text()
     before, after = text.split(ends[0])[0], text.split(ends[1])[1]
-    note = f"Median of {rounds} alternating batches, {note}. {machine()}."
+    note = f"Median of {rounds} alternating batches, {note}. {stamp_text(stamp())}"
     body = "\n".join("| " + " | ".join(line) + " |" for line in lines)
     page.write_text(f"{before}{ends[0]}\n{body}\n\n{note}\n{ends[1]}{after}")
 

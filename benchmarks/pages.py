@@ -11,10 +11,9 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from sections import DATA, PAGES, load
+from sections import DATA, PAGES, load, stamp_text
 
 from swe_sphere.studies.cases import Measure, Row, choose, page
 
@@ -66,16 +65,8 @@ def folded(name: str, section: str, note: str = "") -> str:
 
 def stamp(name: str, section: str) -> str:
     """Return where a section is stored, and date, commit, code and machine of its measurement."""
-    return f"Section `{section}` of `benchmarks/results/{name}.json`: {_stamp(load(name)[section])}"
-
-
-def _stamp(of: Mapping[str, Any]) -> str:
-    code = f"code `{of['code']}`" if of["code"] else EARLIER
-    return f"{of['date']}, commit {of['commit']}, {code}; {of['machine'] or 'no machine recorded'}."
-
-
-EARLIER = "code of an earlier version"
-"""What the pages write for measurements that were stored without a fingerprint of their code."""
+    text = stamp_text(load(name)[section])
+    return f"Section `{section}` of `benchmarks/results/{name}.json`: {text}"
 
 
 def cases(folder: str) -> str:
@@ -89,7 +80,7 @@ def cases(folder: str) -> str:
     text = page(folder, rows_of(folder), command).rstrip("\n")
     with (DATA / f"{folder}.csv").open(encoding="utf-8") as file:
         measured = json.loads(next(file).removeprefix("# "))
-    stamped = f"* `benchmarks/results/{folder}.csv`: {_stamp(measured)}"
+    stamped = f"* `benchmarks/results/{folder}.csv`: {stamp_text(measured)}"
     return re.sub(r"^\* Python .*$", lambda _: stamped, text, flags=re.MULTILINE)
 
 

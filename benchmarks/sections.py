@@ -95,7 +95,7 @@ def store(name: str, sections: Sections) -> None:
     (DATA / f"{name}.json").write_text(text.replace('}, "', '},\n"') + "\n", encoding="utf-8")
 
 
-def stamp(seconds: float) -> dict[str, Any]:
+def stamp(seconds: float = 0.0) -> dict[str, Any]:
     """Return what identifies a measurement that took so many seconds and ends now."""
     git = ["git", "log", "-1", "--format=%h"]
     commit = subprocess.run(git, cwd=ROOT, capture_output=True, text=True, check=False).stdout
@@ -103,6 +103,16 @@ def stamp(seconds: float) -> dict[str, Any]:
         "commit": commit.strip(), "code": code_fingerprint(), "machine": machine(),
         "date": f"{datetime.now(UTC):%Y-%m-%d}", "minutes": round(seconds / 60.0, 1),
     }  # fmt: skip
+
+
+def stamp_text(of: Mapping[str, Any]) -> str:
+    """Return date, commit, code and machine of a measurement as pages state them."""
+    code = f"code `{of['code']}`" if of["code"] else EARLIER
+    return f"{of['date']}, commit {of['commit']}, {code}; {of['machine'] or 'no machine recorded'}."
+
+
+EARLIER = "code of an earlier version"
+"""What the pages write for measurements that were stored without a fingerprint of their code."""
 
 
 def is_current(stamped: Mapping[str, Any]) -> bool:

@@ -41,8 +41,8 @@ html_title = f"swe_sphere {release}"
 html_theme_options = {"navigation_with_keys": True}
 
 
-CODE = re.compile(r"code `([0-9a-f]{16})`|code of an earlier version")
-"""Stamps of measurements in the pages of results."""
+CODE = re.compile(r"\bcode (?:of swe_sphere |`)([0-9a-f]{16})|code of an earlier version")
+"""Stamps of measurements."""
 OLDER = """
 
 ```{note}
@@ -53,9 +53,9 @@ site describes: their stamps state commit and date. `python -m benchmarks` measu
 
 
 def _mark_older(app, docname, source):
-    """Add a note under the title of a page of results that the current code did not make."""
+    """Add a note under the title of a page with measurements that the current code did not make."""
     measured = {found[1] for found in CODE.finditer(source[0])}
-    if docname.startswith("results/") and measured - {code_fingerprint()}:
+    if measured - {code_fingerprint()}:
         title, end, text = source[0].partition("\n")
         source[0] = title + OLDER + end + text
 
