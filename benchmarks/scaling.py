@@ -154,15 +154,15 @@ def counts() -> Section:
     rows.sort(key=lambda row: [*STEPPERS].index(row[0]))
     return Section(
         "What a step does",
-        f"Counted in the run, ne {SMALL}: exchanges, messages and"
-        " sums of a rank, bytes of all ranks. Expected: counted from the mesh and from what one"
-        " rank launches, byte for byte. For each node on the rim, an element sends three fields"
-        " for a right-hand side or a tangent, two for a gradient and one for a divergence, in"
-        " float64, and in float32 inside of the preconditioner; for each coarse correction go the"
-        " integrals over elements around a part, and after each sweep a number for every coarse"
-        " function in the ring around it. Not among these bytes are sums and coarse residuals,"
-        " which go from all to all. Ranks beyond the cores of the machine are there for the counts"
-        " and for the bits of the state.",
+        f"Counted in a run on ne {SMALL}: exchanges, messages and sums of one rank, and bytes of "
+        "all ranks. Expected: counted from the mesh and from the launches of one rank; both "
+        "agree byte for byte. For each node that ranks share, an element sends three fields for "
+        "a right-hand side or a tangent, two for a gradient and one for a divergence, in "
+        "float64, and in float32 inside the preconditioner. Each coarse correction sends the "
+        "integrals over the elements around a partition and, after each sweep, one number for "
+        "each coarse function in the ring around it. Sums and coarse residuals, which go from "
+        "all ranks to all, are not among these bytes. Runs with more ranks than the machine has "
+        "cores show only counts and bits of the state.",
         ["stepper", "ranks", "neighbours", "exchanges", "messages", "sent [B]", "expected [B]",
          "sums", "coarse residuals to all", "bits"],
         rows,
@@ -189,17 +189,15 @@ def measured() -> Section:
         ])  # fmt: skip
     return Section(
         "Two ranks, measured and by the model",
-        f"Time of a step, the mean over {PIECES} pieces of a run, each the shortest of {ROUNDS}"
-        f" rounds, and the median of all in brackets; ne {NE}. Weak: time of a step on ne {WEAK}"
-        f" with one process over that on ne {NE} with two ranks; half as many elements less 2 %,"
-        f" so 0.98 would be no loss. Apart: two processes on ne {WEAK} at the same time that have"
-        f" nothing to do with each other, each a half of ne {NE}: what the two cores and their"
-        " memory allow to those who need not wait for each other. The model knows"
-        " neither of caches that two ranks share nor of the iterations of another mesh: what it"
-        " says of weak scaling is too much, and of two ranks with a solver too. A message between"
-        " the "
-        f"two ranks takes {1e6 * net.latency:.1f} µs, and {net.bandwidth / 1e9:.1f} GB/s."
-        + disturbed(),
+        f"Time of a step on ne {NE}: the mean over {PIECES} segments of a run, each the shortest "
+        f"of {ROUNDS} rounds; the median of all is in brackets. Weak: time of a step on ne "
+        f"{WEAK} with one process over the time on ne {NE} with two ranks. ne {WEAK} has half as "
+        "many elements less 2 %, so that 0.98 would be no loss. Apart: gain of two independent "
+        f"processes on ne {WEAK} at the same time, each with half of ne {NE}, which is an upper "
+        "bound for two cores and their memory. The model includes neither caches that two ranks "
+        "share nor the iterations of another mesh. It therefore overestimates weak scaling, and "
+        "the gain of two ranks with a solver. A message between the two ranks takes "
+        f"{1e6 * net.latency:.1f} µs, and {net.bandwidth / 1e9:.1f} GB/s." + disturbed(),
         ["stepper", "one process [ms]", "two ranks [ms]", "gain", "apart", "by the model", "weak",
          "by the model"],
         rows,
@@ -223,21 +221,20 @@ def model() -> Section:
             ])  # fmt: skip
     return Section(
         f"Many ranks on ne {LARGE}: a model",
-        "Not measured. A step takes what one on a tiny mesh takes here, which is Python's and does "
-        "not get less with ranks, and its elements times what one more element takes; for "
-        f"each exchange the latency of {NEIGHBOURS} messages and the bytes on the rim of a compact "
-        f"piece, {rim():.0f} √n element nodes for n elements (counted on ne {NE}, 32 ranks); for "
-        "each "
-        f"sum the latency along a tree. Supposed are {1e6 * SUPPOSED.latency:.0f} µs and "
-        f"{SUPPOSED.bandwidth / 1e9:.0f} GB/s a rank, memory bandwidth for all cores as for one "
-        "here, steps that go with 1/ne, and as many iterations as on ne 30. As the program is, "
-        "every rank gets the sums of a few large branches from each, and solves for the longest "
-        "waves, which ends the gain of implicit steps early. There are as many pieces as in the "
-        "last rows, and no more ranks. "
-        f"Left out is the dense inverse of the longest waves: {dense / 2**30:.0f} GiB at "
-        f"ne {LARGE}, where another level would have to stand. The last columns are what trees of "
-        "sums, and all of the coarse level dealt out, with two visits to each of its levels, "
-        "would make of it." + disturbed(),
+        "Not measured. The time of a step is the sum of four parts: the time on a tiny mesh, "
+        "which is that of Python and does not fall with more ranks; the number of elements "
+        f"times the time of one more element; for each exchange the latency of {NEIGHBOURS} "
+        f"messages and the bytes on the boundary of a compact partition, {rim():.0f} √n element "
+        f"nodes for n elements (counted on ne {NE}, 32 ranks); and for each sum the latency "
+        f"along a tree. The assumptions are {1e6 * SUPPOSED.latency:.0f} µs and "
+        f"{SUPPOSED.bandwidth / 1e9:.0f} GB/s a rank, the memory bandwidth of one core here for "
+        "each core, steps proportional to 1/ne, and as many iterations as on ne 30. In the "
+        "present program every rank receives the sums of a few large branches from every other "
+        "rank and solves for the longest waves, which ends the gain of implicit steps early. "
+        "The number of partitions in the last rows is the largest number of ranks. The model "
+        f"omits the dense inverse of the longest waves, {dense / 2**30:.0f} GiB at ne {LARGE}, "
+        "where a further level would be needed. The last columns show the model with trees of "
+        "sums and a fully distributed coarse level that is visited twice." + disturbed(),
         ["stepper", "ranks", "elements a rank", "as it is [s a step]", "in trees [s a step]",
          "efficiency in trees"],
         rows,
@@ -275,9 +272,9 @@ def growth() -> Section:
         ])  # fmt: skip
     return Section(
         "One process, larger and larger meshes",
-        "Steps as `--dt auto` has them, the least of eight after four; peak memory beyond that "
-        "of a tiny run, set-up included, which hides a part of it on small meshes. Where arrays "
-        "outgrow the caches, a node takes longer.",
+        "Automatic steps: the shortest of eight after the fourth. Peak memory is that beyond a "
+        "tiny run, with the set-up, which hides a part of it on small meshes. A node takes "
+        "longer where arrays outgrow the caches.",
         ["stepper", "ne", "element nodes", "a step [ms]", "ns an element node",
          "bytes an element node"],
         rows,

@@ -86,7 +86,7 @@ def main(
             f" compiled kernels, and the smaller and the larger of {COLD} with an empty cache of"
             f" kernels. The target is {WARM} s for rk4 with compiled kernels; the last column has"
             " the targets without.",
-            ["stepper", "warm, least", "median", "cold, smaller", "larger", "aim, cold"],
+            ["stepper", "warm, least", "median", "cold, smaller", "larger", "target, cold"],
             [row(name, repeats) for name in CASES],
         )
 
