@@ -75,23 +75,45 @@ def jacobian(mesh: Mesh, scene: Scene) -> scipy.sparse.csc_array:
 
 
 def bases(mesh: Mesh, matrix: scipy.sparse.csc_array) -> list[scipy.sparse.csc_array]:
-    """Return orthonormal bases (n, m) of the two subspaces that point reflection separates.
+    """Return orthonormal bases (n, m) of invariant subspaces, as symmetries separate them.
 
-    Solid-body flow and the cube are unchanged by it; for a stretched mesh the one basis is whole.
+    Solid-body flow and the cube are unchanged by point reflection, and by half a turn about the
+    axis of the planet if the flow has the same axis; a stretched mesh has one basis.
     """
-    apart, other = scipy.spatial.KDTree(mesh.xyz).query(-mesh.xyz)
-    size, frames = mesh.size, np.stack([mesh.east, mesh.north])
-    turn = -np.einsum("inx,jnx->ijn", frames, frames[:, other])
-    swap = scipy.sparse.csc_array((np.ones(size), (np.arange(size), other)), shape=(size, size))
-    wind = [[scipy.sparse.diags_array(turn[i, j]) @ swap for j in range(2)] for i in range(2)]
-    reflect = scipy.sparse.block_diag([scipy.sparse.block_array(wind), swap], format="csc")
-    unit = scipy.sparse.eye_array(3 * size, format="csc")
-    off = abs(reflect @ matrix - matrix @ reflect).max() / abs(matrix).max()
-    if apart.max() > 1e-9 or off > 1e-9:
-        return [unit]
-    half = np.flatnonzero(np.arange(size) < other)
-    unit = unit[:, np.concatenate([half, size + half, 2 * size + half])]
-    return [(unit + sign * reflect @ unit) / np.sqrt(2.0) for sign in (1.0, -1.0)]
+    found = [scipy.sparse.eye_array(3 * mesh.size, format="csc")]
+    for turn in (-np.eye(3), np.diag([-1.0, -1.0, 1.0])):
+        apart, other = scipy.spatial.KDTree(mesh.xyz).query(mesh.xyz @ turn)
+        ones, places = np.ones(mesh.size), np.arange(mesh.size)
+        swap = scipy.sparse.csc_array((ones, (places, other)), shape=(mesh.size, mesh.size))
+        frames = np.stack([mesh.east, mesh.north])
+        turned = np.einsum("inx,xy,jny->ijn", frames, turn, frames[:, other])
+        wind = [[scipy.sparse.diags_array(turned[i, j]) @ swap for j in range(2)] for i in range(2)]
+        image = scipy.sparse.block_diag([scipy.sparse.block_array(wind), swap], format="csc")
+        off = abs(image @ matrix - matrix @ image).max() / abs(matrix).max()
+        if apart.max() < 1e-9 and off < 1e-9:
+            found = [half for basis in found for half in halves(basis, image)]
+    return found
+
+
+def halves(
+    basis: scipy.sparse.csc_array, image: scipy.sparse.csc_array
+) -> Iterator[scipy.sparse.csc_array]:
+    """Yield bases of the vectors of a subspace that an orthogonal involution keeps, and negates."""
+    inner = (basis.T @ image @ basis).tocsr()
+    inner.data[abs(inner.data) < 1e-12] = 0.0
+    inner.eliminate_zeros()
+    _, label = scipy.sparse.csgraph.connected_components(inner)
+    rows, columns, values, signs = [], [], [], []
+    for group in np.split(np.argsort(label, kind="stable"), np.cumsum(np.bincount(label))[:-1]):
+        sign, vectors = np.linalg.eigh(inner[group][:, group].toarray())
+        for k, vector in zip(sign, vectors.T, strict=True):
+            rows.extend(group)
+            columns.extend([len(signs)] * group.size)
+            values.extend(vector)
+            signs.append(k)
+    vectors = scipy.sparse.csc_array((values, (rows, columns)), shape=inner.shape)
+    for sign in (1.0, -1.0):
+        yield basis @ vectors[:, np.flatnonzero(np.array(signs) * sign > 0.0)]
 
 
 def fastest(mesh: Mesh, scene: Scene) -> tuple[complex, np.ndarray]:

@@ -21,10 +21,13 @@ from swe_sphere.steppers.stability import tableau
 from swe_sphere.studies.cases.scenes import thin_flow
 
 STEPPERS_SHOWN = ("semi-implicit", "ark2", "ars343")
-FROUDE = (0.25, 1.23, 1.6, 2.5, 3.9, 12.3)
-"""Wind over wave speed; 1.23, 3.9 and 12.3 are those of layers of 100, 10 and 1 m."""
+FROUDE = (0.25, 0.36, 0.4, 0.5, 0.71, 1.23, 1.6, 2.5, 3.9, 12.3)
+"""Wind over wave speed; 1.23, 3.9 and 12.3 are those of layers of 100, 10 and 1 m, and
+0.71 of 300 m."""
 DEPTHS = (1.0, 10.0, 1500.0)
 """Reference depth over depth of the fluid."""
+LAYERS = (1.0, 10.0, 100.0, 150.0, 200.0, 300.0, 400.0, 600.0, 800.0, 1000.0, 1200.0)
+"""Depths of the fluid in runs [m]."""
 
 
 def growth(name: str, wind: float, froude: float, deeper: float) -> float:
@@ -65,7 +68,7 @@ def main(
                 above = [f"{winds[found > x][:1]} for {x:g}" for x in (1e-4, 1e-2, 1e-1)]
                 console.print(f"{name}, Froude {froude}, H = {deeper:g} h: from", *above)
                 console.print(f"    largest {found.max():.1e}")
-    for depth, alpha in ((1.0, 1.0), (10.0, 1.0), (100.0, 1.0), (1.0, 0.0)):
+    for depth, alpha in [(depth, 1.0) for depth in LAYERS] + [(1.0, 0.0)]:
         for name in STEPPERS_SHOWN if days else ():
             scene, damped = thin_flow(depth, alpha), {"edge-penalty.c": 0.01}
             sim = Simulation(scene, ne=4, np=6, stepper=name, effects=damped)

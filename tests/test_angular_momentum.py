@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from swe_sphere import Simulation
-from swe_sphere.io.integrals import MOMENTA, angular_momentum, drifts
+from swe_sphere.io.integrals import AXES, MOMENTA, angular_momentum, drifts
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.mesh import Mesh
 from swe_sphere.pictures.panels import panels
@@ -22,7 +22,7 @@ def mesh():
 
 
 def vector(found):
-    return np.array([found[name] for name in MOMENTA])
+    return np.array([found[name] for name in AXES])
 
 
 def from_cross_products(mesh, u, v, h, rotation):
@@ -69,14 +69,18 @@ def test_any_state_has_that_of_cross_products(stretch):
     np.testing.assert_allclose(vector(found), right, rtol=1e-12)
     axial = right @ rotation / np.linalg.norm(rotation)
     assert found["axial_angular_momentum"] == pytest.approx(axial, rel=1e-12)
+    across = np.linalg.norm(np.cross(right, rotation)) / np.linalg.norm(rotation)
+    assert found["equatorial_angular_momentum"] == pytest.approx(across, rel=1e-12)
 
 
 def test_the_drift_is_relative_to_the_vector():
-    start = {**dict(zip(MOMENTA, (3.0, 0.0, 4.0), strict=True)), "axial_angular_momentum": 4.0}
+    start = {**dict(zip(AXES, (3.0, 0.0, 4.0), strict=True)), "axial_angular_momentum": 4.0}
+    start |= {"equatorial_angular_momentum": 3.0}
     start |= dict.fromkeys(("mass", "energy", "potential_enstrophy"), 1.0)
-    now = start | {"axial_angular_momentum": 4.5}
+    now = start | {"axial_angular_momentum": 4.5, "equatorial_angular_momentum": 2.0}
     assert drifts(start, now)["angular_momentum_drift"] == pytest.approx(0.1)
-    still = start | dict.fromkeys((*MOMENTA, "axial_angular_momentum"), 0.0)
+    assert drifts(start, now)["equatorial_momentum_drift"] == pytest.approx(-0.2)
+    still = start | dict.fromkeys(MOMENTA, 0.0)
     assert np.isnan(drifts(still, still)["angular_momentum_drift"])
 
 
@@ -98,6 +102,8 @@ def test_the_equatorial_part_of_a_flow_fixed_among_the_stars_turns():
     now = sim.run(days=0.5)
     after = now["angular_momentum_x"] + 1j * now["angular_momentum_y"]
     assert after / before == pytest.approx(np.exp(-0.5j * DAY * EARTH.rotation), abs=1e-7)
+    assert now["equatorial_angular_momentum"] == pytest.approx(abs(after))
+    assert abs(now["equatorial_momentum_drift"]) < 1e-9
 
 
 def test_a_mountain_changes_it_by_its_torque():
@@ -128,12 +134,14 @@ def test_series_summary_and_plots_have_it(tmp_path):
     sim = Simulation("williamson6", ne=2, np=5, dt=900.0)
     summary = sim.run(days=0.5, every=6, out=out)
     assert "angular momentum" in dict(summary.rows())["drift"]
+    assert "its equatorial part" in dict(summary.rows())["drift"]
     with xr.open_dataset(out) as file:
-        for name in (*MOMENTA, "axial_angular_momentum"):
+        for name in MOMENTA:
             assert file[name].units == "m3 s-1" and "angular momentum" in file[name].long_name
         assert file.angular_momentum_drift.units == "1"
         assert file.angular_momentum_drift.values[-1] == summary["angular_momentum_drift"] != 0.0
-    assert "angular momentum" in panels(RunFile(out))[-1].curves
+    curves = panels(RunFile(out))[-1].curves
+    assert {"angular momentum", "equatorial angular momentum"} <= curves.keys()
 
 
 def test_a_prescribed_wind_has_none():

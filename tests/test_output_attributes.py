@@ -41,6 +41,13 @@ SERIES = {
     "angular_momentum_y": ("m3 s-1", f"{ABOUT} through 90E on the equator"),
     "angular_momentum_z": ("m3 s-1", f"{ABOUT} through the poles"),
     "axial_angular_momentum": ("m3 s-1", f"{ABOUT} of rotation"),
+    "equatorial_angular_momentum": (
+        "m3 s-1", f"{ABOUT.replace('about', 'across')} of rotation",
+    ),
+    "equatorial_momentum_drift": (
+        "1",
+        "change of the equatorial angular momentum since the start over the length of the vector",
+    ),
     "total_vorticity": ("s-1", "area mean of the relative vorticity"),
     "total_divergence": ("s-1", "area mean of the divergence"),
     "max_wind": ("m s-1", "largest wind speed"),

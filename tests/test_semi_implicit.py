@@ -117,13 +117,27 @@ def test_coriolis_force_limits_steps_where_waves_are_slower_than_the_wind(small_
     assert slow - np.abs(layer.coriolis).max() == pytest.approx(fast, rel=0.1)
 
 
-@pytest.mark.parametrize(("depth", "alpha"), [(10.0, 1.0), (1.0, 0.0)])
+@pytest.mark.parametrize(
+    ("name", "depth", "alpha"),
+    [("semi-implicit", 10.0, 1.0), ("semi-implicit", 1.0, 0.0), ("ars343", 200.0, 1.0)],
+)
 @pytest.mark.thorough
-def test_wind_faster_than_the_waves_is_stable_over_a_slope(depth: float, alpha: float) -> None:
+def test_wind_as_fast_as_the_waves_is_stable_over_a_slope(
+    name: str, depth: float, alpha: float
+) -> None:
     """Before, the automatic step grew errors to 5e-5 in three days or ended the run."""
     scene, damped = thin_flow(depth, alpha), {"edge-penalty.c": 0.01}
-    sim = Simulation(scene, ne=4, np=6, stepper="semi-implicit", effects=damped)
+    sim = Simulation(scene, ne=4, np=6, stepper=name, effects=damped)
     assert sim.run(days=3)["l2_v"] < 3e-5
+
+
+@pytest.mark.parametrize(("depth", "ratio"), [(3000.0, 1.0), (600.0, 2.25)])
+def test_ars343_takes_shorter_steps_in_winds_near_the_speed_of_waves(depth, ratio) -> None:
+    """It amplifies waves that are less than about 2.7 times as fast as the wind."""
+    model = Model(Mesh.build(2, 4), thin_flow(depth, 1.0))
+    state = model.initial_state()
+    radii = [STEPPERS[name].spectrum(model, state).wave for name in ("ars343", "ark2")]
+    assert radii[0] / radii[1] == pytest.approx(ratio)
 
 
 def test_what_cannot_be_semi_implicit_is_refused(small_mesh) -> None:

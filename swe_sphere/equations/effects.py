@@ -292,8 +292,7 @@ class EdgePenalty(Effect):
         """Return gamma (E,) [m2 s-1] of each element for a wind speed [m s-1]."""
         areas = np.einsum("ij,eij->e", mesh.quadrature, mesh.jacobian)
         c = penalty_default(mesh.np) if self.c is None else self.c
-        gamma: Array = c * speed * np.sqrt(areas)
-        return gamma
+        return np.asarray(c * speed * np.sqrt(areas))
 
 
 def penalty_default(np: int) -> float:

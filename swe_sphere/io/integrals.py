@@ -27,10 +27,12 @@ DRIFTS = {
     "energy_drift": "energy",
     "enstrophy_drift": "potential_enstrophy",
     "angular_momentum_drift": "axial_angular_momentum",
+    "equatorial_momentum_drift": "equatorial_angular_momentum",
 }
 """Name of each relative drift, and of the integral that drifts."""
-MOMENTA = ("angular_momentum_x", "angular_momentum_y", "angular_momentum_z")
-"""Components of the angular momentum, which as a vector is the scale of its drift."""
+AXES = ("angular_momentum_x", "angular_momentum_y", "angular_momentum_z")
+"""Components of the angular momentum, whose length is the scale of its drifts."""
+MOMENTA = (*AXES, "axial_angular_momentum", "equatorial_angular_momentum")
 
 
 def area_mean(area: Array, values: Array) -> float:
@@ -102,7 +104,7 @@ def integrals(
         mass                 I(h) [m]
         energy               I(h |V|^2 / 2 + g ((h + b)^2 - b^2) / 2) [m3 s-2]
         potential_enstrophy  I((vorticity + f)^2 / (2 h)) [m-1 s-2]; NaN where a depth is not > 0
-        angular_momentum_x, _y, _z, axial_angular_momentum   see `angular_momentum` [m3 s-1]
+        MOMENTA              see `angular_momentum` [m3 s-1]
         total_vorticity, total_divergence   I(vorticity), I(divergence) [s-1]
         max_wind             largest wind speed [m s-1]
         min_depth            least depth [m]
@@ -136,7 +138,8 @@ def angular_momentum(
     u, v, h, f: as in `integrals`. The components are along the axes of the rotating frame: x to 0°E
     and y to 90°E on the equator, z to the North Pole. Ω is the rotation whose Coriolis parameter is
     nearest to f in least squares. The component along Ω, or along z without rotation, is the axial
-    one: the continuous equations conserve it over a bottom that is symmetric about the axis.
+    one, and the length of the remainder the equatorial one: the continuous equations conserve the
+    former over a bottom that is symmetric about the axis, and both over a level bottom.
     """
     a = mesh.radius
     east, north, axes = (np.ascontiguousarray(x.T) for x in (mesh.east, mesh.north, mesh.xyz))
@@ -150,15 +153,16 @@ def angular_momentum(
     speed = float(np.linalg.norm(rotation))
     axis = rotation / speed if speed > 0.0 else (0.0, 0.0, 1.0)
     axial = float(sum(x * y for x, y in zip(total, axis, strict=True)))
-    return dict(zip((*MOMENTA, "axial_angular_momentum"), (*total, axial), strict=True))
+    across = float(np.linalg.norm(np.subtract(total, np.multiply(axial, axis))))
+    return dict(zip(MOMENTA, (*total, axial, across), strict=True))
 
 
 def drifts(start: Mapping[str, float], now: Mapping[str, float]) -> dict[str, float]:
     """Return the relative changes (X - X0) / X0 of integrals; NaN if X0 is zero or NaN.
 
-    The change of the axial angular momentum is relative to the length of the vector.
+    Changes of the angular momentum are relative to the length of the vector.
     """
-    scales = {**start, "axial_angular_momentum": math.hypot(*(start[name] for name in MOMENTA))}
+    scales = {**start, **dict.fromkeys(MOMENTA, math.hypot(*(start[name] for name in AXES)))}
     return {
         name: (now[key] - start[key]) / scales[key] if scales[key] else float("nan")
         for name, key in DRIFTS.items()

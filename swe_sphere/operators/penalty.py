@@ -46,12 +46,10 @@ class EdgePenaltyOperator:
             "point": types.point and types.point.structure.find(types)(), "stage": mesh.stage,
         }  # fmt: skip
         self._geometry = mesh.geometry(self._kind, self._given)
-        transposed = mesh.upload(np.ascontiguousarray(mesh.mesh.derivative.T))
-        self._given |= {"derivative": transposed}
+        self._given["derivative"] = mesh.upload(np.ascontiguousarray(mesh.mesh.derivative.T))
         self._stages: dict[Any, tuple[Any, Any]] = {}
         run = launch, assemble_blocks, mesh.real, mesh.lanes
-        shared = int(np.count_nonzero(mesh.part.counts == 1))
-        self._mean_sums = in_runs(*run, *mesh.spans(shared))
+        self._mean_sums = in_runs(*run, *mesh.spans(int(np.sum(mesh.part.counts == 1))))
         self._sums = in_runs(*run, *mesh.spans(mesh.inner if direct else 0))
 
     def __call__(self, x: wp.array, factor: float, out: wp.array, start: wp.array) -> None:

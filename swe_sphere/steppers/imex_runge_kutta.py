@@ -43,9 +43,9 @@ class ImexStepper(Stepper):
     family = "imex"
     reach = 8.0
     faster: ClassVar[float] = 8.0
-    """Least ratio of implicit to explicit wave frequencies in the analysis of stability.  (Waves
-    with nearly the same frequency in both parts grow in any implicit-explicit Runge-Kutta method;
-    but these waves are long, and their growth is tiny.)"""
+    """Least ratio of implicit to explicit wave frequencies in the analysis of stability."""
+    shorter: ClassVar[float] = 1.0
+    """Factor of the spectral radius in winds faster than a third of the gravity waves."""
     solver: WaveSolver
 
     def __init__(
@@ -66,8 +66,10 @@ class ImexStepper(Stepper):
         If the initial wind is faster than the gravity waves, the Coriolis force adds to advection.
         """
         at_start = explicit_spectrum(model.inviscid, state, t)
-        wave, depth = max(at_start.wave, strongest_advection(model)), reference_depth(model)
-        if model.strongest_wind**2 > model.scene.planet.gravity * depth.max():
+        wave, wind = max(at_start.wave, strongest_advection(model)), model.strongest_wind
+        fastest = np.sqrt(model.scene.planet.gravity * reference_depth(model).max())
+        wave *= cls.shorter if 3.0 * wind > fastest else 1.0
+        if wind > fastest:
             wave += float(np.abs(model.coriolis).max())
         return replace(at_start, wave=wave)
 

@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import RunFailed
-from swe_sphere.io.integrals import area_mean, by_name, field_errors
+from swe_sphere.io.integrals import DRIFTS, area_mean, by_name, field_errors
 from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
 from swe_sphere.io.scalar_fields import at_nodes
 from swe_sphere.mesh import Mesh
@@ -177,9 +177,7 @@ def _errors_against(sim: Simulation, case: Case) -> dict[str, float]:
 
 SAMPLES = 120
 """About how many samples of a run are taken."""
-DRIFTS = (
-    "mass_drift", "energy_drift", "enstrophy_drift", "angular_momentum_drift", "total_vorticity",
-)  # fmt: skip
+CHANGES = (*DRIFTS, "total_vorticity")
 ENDS = ("l2_h", "l2_v", "linf_h", "off_wave", "off_mirror")
 """Numbers of which the last sample counts."""
 
@@ -215,10 +213,10 @@ class Series(Observer):
         """
         if not self.rows:
             return {}
-        names = dict.fromkeys((*DRIFTS, "max_wind", "max_wave", "min_depth", *self.rows[-1]))
+        names = dict.fromkeys((*CHANGES, "max_wind", "max_wave", "min_depth", *self.rows[-1]))
         of = {name: np.array([row.get(name, math.nan) for row in self.rows]) for name in names}
         days, winds = of["day"], of["max_wind"]
-        found = {name: np.abs(of[name]).max() for name in DRIFTS} | {
+        found = {name: np.abs(of[name]).max() for name in CHANGES} | {
             "max_wind": winds.max(),
             "wind_growth": winds.max() / winds[0] if winds[0] > 0.0 else math.nan,
             "froude": (winds / of["max_wave"]).max(),
@@ -317,9 +315,8 @@ def _plan(case: Case, sim: Simulation) -> RunPlan | None:
         dt = case.part * sim.stable_dt()
     else:
         dt = (case.courant or 1.0) * sim.gravity_limit
-        wind = float(np.hypot(sim.start["u"], sim.start["v"]).max())
-        if case.advective is not None and wind > 0.0:
-            dt = min(dt, case.advective * sim.mesh.spacing()[0] / wind)
+        if case.advective is not None and sim.model.strongest_wind > 0.0:
+            dt = min(dt, case.advective * sim.mesh.spacing()[0] / sim.model.strongest_wind)
     if case.steps is None:
         return free_steps(sim.days, dt)
     whole = max(1, math.floor(sim.days * DAY / dt))
