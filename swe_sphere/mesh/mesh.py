@@ -89,30 +89,7 @@ class Mesh:
         the mesh is refined there (and coarsened at the antipode). Raises ConfigError for a number
         out of range.
         """
-        try:
-            ne, np = operator.index(ne), operator.index(np)
-        except TypeError:
-            raise ConfigError(
-                f"ne and np must be whole numbers, not ne={ne!r}, np={np!r}"
-            ) from None
-        lon, lat = map(float, centre)
-        if ne < 1:
-            raise ConfigError(f"ne={ne}: a cube edge must have at least one element")
-        if not 3 <= np <= 16:
-            raise ConfigError(f"np={np}: the number of nodes along an element edge must be 3 to 16")
-        if 6 * (ne * np) ** 2 >= 2**31:
-            raise ConfigError(f"ne={ne} with np={np} is too large a mesh: take a smaller ne")
-        if not (math.isfinite(radius) and radius > 0.0):
-            raise ConfigError(f"radius={radius}: the radius must be a positive length in metres")
-        if not 1.0 <= stretch <= LARGEST_STRETCH:
-            raise ConfigError(f"stretch={stretch}: the factor must be 1 to {LARGEST_STRETCH:g}")
-        if not (math.isfinite(lon) and abs(lat) <= 90.0):
-            raise ConfigError(
-                f"centre={(lon, lat)}: give longitude and latitude in degrees, |latitude| <= 90"
-            )
-        if not math.isfinite(spin):
-            raise ConfigError(f"spin={spin}: the turn of the cube must be a finite angle")
-        placement = Placement((lon, lat), float(spin), float(stretch))
+        ne, np, placement = check_settings(ne, np, radius, stretch, centre, spin)
         return _assemble(ne, np, float(radius), placement)
 
     def __post_init__(self) -> None:
@@ -185,6 +162,34 @@ class Mesh:
             f"Mesh(ne={self.ne}, np={self.np}, radius={self.radius}, stretch={self.stretch}, "
             f"centre={self.centre}, spin={self.spin})"
         )
+
+
+def check_settings(
+    ne: int, np: int, radius: float, stretch: float, centre: tuple[float, float], spin: float
+) -> tuple[int, int, Placement]:
+    """Return ne, np and the placement of a mesh; raise ConfigError as `Mesh.build` does."""
+    try:
+        ne, np = operator.index(ne), operator.index(np)
+    except TypeError:
+        raise ConfigError(f"ne and np must be whole numbers, not ne={ne!r}, np={np!r}") from None
+    lon, lat = map(float, centre)
+    if ne < 1:
+        raise ConfigError(f"ne={ne}: a cube edge must have at least one element")
+    if not 3 <= np <= 16:
+        raise ConfigError(f"np={np}: the number of nodes along an element edge must be 3 to 16")
+    if 6 * (ne * np) ** 2 >= 2**31:
+        raise ConfigError(f"ne={ne} with np={np} is too large a mesh: take a smaller ne")
+    if not (math.isfinite(radius) and radius > 0.0):
+        raise ConfigError(f"radius={radius}: the radius must be a positive length in metres")
+    if not 1.0 <= stretch <= LARGEST_STRETCH:
+        raise ConfigError(f"stretch={stretch}: the factor must be 1 to {LARGEST_STRETCH:g}")
+    if not (math.isfinite(lon) and abs(lat) <= 90.0):
+        raise ConfigError(
+            f"centre={(lon, lat)}: give longitude and latitude in degrees, |latitude| <= 90"
+        )
+    if not math.isfinite(spin):
+        raise ConfigError(f"spin={spin}: the turn of the cube must be a finite angle")
+    return ne, np, Placement((lon, lat), float(spin), float(stretch))
 
 
 def _assemble(ne: int, np_: int, radius: float, placement: Placement) -> Mesh:

@@ -25,6 +25,7 @@ from swe_sphere.errors import ConfigError, shown
 from swe_sphere.files.durable import clear_errors
 from swe_sphere.io.scalar_fields import evaluate
 from swe_sphere.mesh import Mesh
+from swe_sphere.mesh.mesh import check_settings
 from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.planet import DAY
 from swe_sphere.ranks.communicator import world
@@ -159,27 +160,40 @@ def shipped_solution(scene: Scene, days: float) -> Path | None:
     return None
 
 
+def check_mesh(config: RunConfig, scene: Scene) -> dict[str, Any]:
+    """Return the arguments of `Mesh.build` by name, without building the mesh.
+
+    Raises ConfigError for a number out of range, and for a mesh that memory cannot hold or that has
+    too few elements for the ranks.
+    """
+    values: dict[str, Any] = {
+        "ne": scene.ne if config.ne is None else config.ne,
+        "np": scene.np if config.np is None else config.np,
+        "radius": scene.planet.radius,
+        "stretch": config.stretch,
+        "centre": (config.centre_lon, config.centre_lat),
+        "spin": config.spin,
+    }
+    check_ranks(values["ne"], world().size)
+    check_memory(config, scene, values["ne"], values["np"])
+    check_settings(**values)
+    return values
+
+
 def make_mesh(config: RunConfig, scene: Scene, made: Mesh | None = None) -> Mesh:
     """Return the mesh of the configuration, or the given one once it is checked.
 
-    Raises ConfigError for a number out of range, and for a mesh that memory cannot hold, that has
-    too few elements for the ranks, or that is of another planet.
+    Raises ConfigError as `check_mesh`, and for a given mesh of another planet.
     """
-    ne = scene.ne if config.ne is None else config.ne
-    np = scene.np if config.np is None else config.np
-    check_ranks(ne, world().size)
-    check_memory(config, scene, ne, np)
-    if made is not None:
-        if made.radius != scene.planet.radius:
-            raise ConfigError(
-                f"the mesh has a radius of {made.radius:.8g} m, and the planet of {scene.name} one"
-                f" of {scene.planet.radius:.8g} m: build it with radius={scene.planet.radius!r}"
-            )
-        return made
-    centre = config.centre_lon, config.centre_lat
-    return Mesh.build(
-        ne, np, radius=scene.planet.radius, stretch=config.stretch, centre=centre, spin=config.spin
-    )
+    values = check_mesh(config, scene)
+    if made is None:
+        return Mesh.build(**values)
+    if made.radius != scene.planet.radius:
+        raise ConfigError(
+            f"the mesh has a radius of {made.radius:.8g} m, and the planet of {scene.name} one"
+            f" of {scene.planet.radius:.8g} m: build it with radius={scene.planet.radius!r}"
+        )
+    return made
 
 
 def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from swe_sphere.equations.scene import MOST_ELEMENTS, Scene
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.user_file import is_custom, is_user_file
 from swe_sphere.settings.values import by_field, names_in, read_toml, validated
-from swe_sphere.simulation.build import make_mesh, make_scene
+from swe_sphere.simulation.build import check_mesh, make_scene
 from swe_sphere.simulation.config import (
     Days,
     FileName,
@@ -161,7 +161,7 @@ def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> Sweep
     for name in plan.preconditioner:
         PRECONDITIONERS.find(name)
     for ne, points in product(plan.ne or (made.ne,), plan.np or (made.np,)):
-        make_mesh(plan.run_config(ne=ne, np=points), made)
+        check_mesh(plan.run_config(ne=ne, np=points), made)
     days = made.days if plan.days is None else plan.days
     late = [day for day in plan.report_days if day > days * (1.0 + 1e-12)]
     if late:
