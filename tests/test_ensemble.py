@@ -115,6 +115,7 @@ def test_an_ensemble_grows_in_days_and_seeds_and_another_time_limit_is_the_same_
         assert np.array_equal(ours, theirs)
 
 
+@pytest.mark.thorough
 def test_a_member_that_took_too_long_is_resumed_from_where_it_was(tmp_path, monkeypatch):
     """So that a member longer than the limit is finished by some number of commands."""
     asked = SMALL | {"every": 0.4, "dt": 480.0, "days": 0.1, "time_limit": 1e-9}

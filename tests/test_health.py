@@ -15,6 +15,8 @@ from swe_sphere.io.runfile import RunFile
 from swe_sphere.simulation.observers import LOST, RUNAWAY, HealthCheck
 from swe_sphere.steppers.stepper import Stepper
 
+from .support import thorough
+
 SMALL = {"ne": 2, "np": 4, "dt": 900.0}
 
 
@@ -231,7 +233,8 @@ def change_at(count, array, change, monkeypatch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("stepper", "kind"), [*[("leapfrog", kind) for kind in SPOILT], ("rk4", "NaN"), ("bdf2", "NaN")]
+    ("stepper", "kind"),
+    [*[thorough("leapfrog", kind) for kind in SPOILT], ("rk4", "NaN"), thorough("bdf2", "NaN")],
 )
 @pytest.mark.parametrize("continued", [False, True])
 def test_the_newest_checkpoint_is_the_last_sound_state(

@@ -26,6 +26,8 @@ from swe_sphere.studies.sweep import sweep
 from swe_sphere.studies.sweep.record import runs_of
 from swe_sphere.testcases import get_scene
 
+from .support import thorough
+
 TINY = {"ne": 2, "np": 4, "days": 0.25, "dt": [3600, 1800]}
 
 
@@ -42,9 +44,9 @@ def test_every_task_is_done_once():
     ("deed", "kind", "said"),
     [
         ("raise", ConfigError, "no number"),
-        ("break", RunFailed, "unexpected ValueError: what"),
+        thorough("break", RunFailed, "unexpected ValueError: what"),
         ("die", RunFailed, "killed by SIGKILL"),
-        ("die sending", RunFailed, "killed by SIGKILL"),
+        thorough("die sending", RunFailed, "killed by SIGKILL"),
     ],
 )
 def test_what_fails_in_one_process_ends_all(deed, kind, said):
@@ -131,7 +133,7 @@ def test_a_sweep_on_two_processes_finds_what_one_finds(tmp_path):
     "asked",
     [
         {"target_error": 1e-3, "dt": "auto"},
-        {"find_limit": True, "days": 0.05, "dt": [2160]},
+        thorough({"find_limit": True, "days": 0.05, "dt": [2160]}),
     ],
 )
 def test_parts_of_a_sweep_are_all_of_it(asked, at_once, tmp_path):

@@ -12,6 +12,8 @@ from swe_sphere.io.runfile import RunFile
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
 from swe_sphere.simulation.simulation import Simulation
 
+from .support import thorough
+
 NUMBER = """
 from swe_sphere import diagnostic
 @diagnostic(units="m")
@@ -91,7 +93,7 @@ def test_a_resume_without_the_file_of_a_diagnostic_is_refused(tmp_path, monkeypa
     assert np.isnan(run.other[0]) and np.isfinite(run.other[-1])
 
 
-@pytest.mark.parametrize("form", ["nc", "zarr"])
+@pytest.mark.parametrize("form", ["nc", thorough("zarr")])
 def test_the_series_of_a_diagnostic_that_is_gone_stays_in_the_file(tmp_path, form):
     pytest.importorskip("zarr")
     out = tmp_path / f"run.{form}"

@@ -15,6 +15,8 @@ from swe_sphere.mesh.partition import Partition, pieces
 from swe_sphere.operators.chunks import Chunks
 from swe_sphere.ranks.communicator import Communicator
 
+from .support import thorough
+
 NE, PIECES = 74, 2054
 """The coarsest mesh of more than 512 pieces has 514; in blocks as small as may be, so many."""
 
@@ -54,7 +56,7 @@ def dealt_out(mesh, monkeypatch):
     return deal
 
 
-@pytest.mark.parametrize("ranks", [700, PIECES])
+@pytest.mark.parametrize("ranks", [700, thorough(PIECES)])
 def test_thousands_of_ranks_have_each_element_and_each_node_once(mesh, dealt_out, ranks):
     parts = dealt_out(ranks)
     elements = np.concatenate([part.elements for part in parts])

@@ -4,6 +4,7 @@ import ast
 import re
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 from swe_sphere.cli.main import COMMANDS
@@ -60,6 +61,7 @@ def texts(path: Path) -> Iterator[str]:
             pending += reversed([*ast.iter_child_nodes(node)])
 
 
+@cache
 def listing() -> str:
     """Return the list of all texts, by module."""
     lines = [

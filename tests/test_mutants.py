@@ -34,6 +34,7 @@ def test_fault_is_noticed(mutant: Swap) -> None:
     assert mutant.caught()
 
 
+@pytest.mark.thorough
 def test_nothing_is_noticed_without_a_fault() -> None:
     none = Swap("none", METRIC[0].where, METRIC[0].cases, lambda found: found)
     assert none.caught() is None

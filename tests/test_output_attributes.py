@@ -13,6 +13,8 @@ from swe_sphere.planet import EARTH
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.testcases import get_scene
 
+from .support import thorough
+
 ON_NODES = {"mesh": "mesh", "location": "node", "coordinates": "lat lon", "grid_mapping": "sphere"}
 CLOCK = {
     "standard_name": "time", "units": "seconds since 2000-01-01 00:00:00",
@@ -175,7 +177,7 @@ def test_attributes_of_the_file_state_mesh_scene_and_time(written):
         assert math.isclose(data["area"].sum(), 4.0 * math.pi * EARTH.radius**2, rel_tol=1e-5)
 
 
-@pytest.mark.parametrize("name", ["run.nc", "run.zarr"])
+@pytest.mark.parametrize("name", ["run.nc", thorough("run.zarr")])
 def test_a_continued_file_keeps_its_beginning_and_has_each_sample_once(name, tmp_path):
     file = tmp_path / name
     first = Simulation("williamson2", ne=2, np=4, dt=1800.0)

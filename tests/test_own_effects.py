@@ -354,7 +354,8 @@ class Slowing(PointwiseEffect):
         return -RATES[0, 0] * u, slowed(v)
 
 
-@pytest.mark.parametrize("shape", ["element", thorough("node")])
+@pytest.mark.thorough
+@pytest.mark.parametrize("shape", ["element", "node"])
 def test_a_constant_around_a_formula_may_change(monkeypatch, shape):
     """As in a notebook, one cell of which is run again: no kernel with the old one is taken."""
     scene = get_scene("williamson5")

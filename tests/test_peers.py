@@ -84,6 +84,7 @@ def test_library_that_is_not_there_is_named(tmp_path, core) -> None:
         Peer("dedalus", HERE, core, tmp_path)
 
 
+@pytest.mark.thorough
 def test_this_model_runs_in_a_process_and_a_wrong_setting_does_not_end_it(tmp_path, core) -> None:
     fair = Measured(Setting("williamson5", 15.0, "swe-sphere", "ne2 np4", "rk4", 3600.0))
     wrong = Measured(Setting("williamson5", 15.0, "swe-sphere", "ne2 np4", "rk5", 3600.0))

@@ -31,6 +31,8 @@ from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import SCENES
 
+from .support import thorough
+
 MPIEXEC = [str(Path(sys.executable).with_name("mpiexec")), "-n"]
 
 
@@ -526,7 +528,7 @@ def test_numbers_of_ranks_that_a_file_cannot_ask_for(monkeypatch, capsys, tmp_pa
     assert "ranks" in told.err
 
 
-@pytest.mark.parametrize(("ranks", "status", "lines"), [(1, 0, 0), (2, 2, 1)])
+@pytest.mark.parametrize(("ranks", "status", "lines"), [thorough(1, 0, 0), (2, 2, 1)])
 def test_a_single_rank_needs_no_mpi4py(mpi, ranks, status, lines):
     program = "import sys; sys.modules['mpi4py'] = None; from swe_sphere.cli import main; main()"
     run = ["run", "williamson2", "--ne", "2", "--days", "0.1", "--quiet"]

@@ -277,6 +277,7 @@ def test_full_equations_give_the_same_wave_at_a_tiny_amplitude() -> None:
         get_scene("matsuno", wave="x")
 
 
+@pytest.mark.thorough
 def test_the_wave_of_williamson6_reaches_its_nondivergent_speed() -> None:
     """12.195 degrees a day, which is missed by less, as one over the depth, the deeper it is."""
     exact = np.degrees((28.0 * 7.848e-6 - 2.0 * EARTH.rotation) / 30.0 * DAY)

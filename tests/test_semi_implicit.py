@@ -75,6 +75,7 @@ def test_solver_inverts_the_operator(small_mesh, tau: float) -> None:
     assert again.iterations <= 1, "the guess was not used"
 
 
+@pytest.mark.thorough
 def test_number_type_of_the_step_changes_no_bits(small_mesh) -> None:
     """A numpy.float64 would turn arrays of float32 into arrays of float64."""
     model = Model(small_mesh, make_scene(*WAVES), precision="float32")

@@ -18,6 +18,7 @@ from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.steppers.stepper import Stepper, Trajectory
 from swe_sphere.testcases import get_scene
 
+from .support import thorough
 from .test_tracers import with_tracers
 
 LONG = {
@@ -71,8 +72,10 @@ def interrupt():
     os.kill(os.getpid(), signal.SIGINT)
 
 
-@pytest.mark.parametrize("kind", [*LONG])
-@pytest.mark.parametrize("count", [pytest.param(3, marks=pytest.mark.thorough), 25])
+@pytest.mark.parametrize(
+    "kind", [thorough("adaptive"), "implicit", "multistep", thorough("gauss"), "exponential"]
+)
+@pytest.mark.parametrize("count", [thorough(3), 25])
 def test_ctrl_c_within_a_step_is_heard_there_and_loses_nothing(tmp_path, monkeypatch, kind, count):
     out, whole = tmp_path / "run.nc", tmp_path / "whole.nc"
     small(**LONG[kind]).run(days=1.0, every=12.0, out=whole)
@@ -92,8 +95,10 @@ def test_ctrl_c_within_a_step_is_heard_there_and_loses_nothing(tmp_path, monkeyp
     assert np.array_equal(open_run(out).h[-1], right) and np.array_equal(sim.state.h, right)
 
 
-@pytest.mark.parametrize("kind", [*LARGE])
-@pytest.mark.parametrize("count", [3, 14])
+@pytest.mark.parametrize(
+    "kind", ["imex", *map(thorough, [kind for kind in LARGE if kind != "imex"])]
+)
+@pytest.mark.parametrize("count", [thorough(3), 14])
 def test_ctrl_c_within_a_step_on_a_large_mesh_is_heard_there(tmp_path, monkeypatch, kind, count):
     monkeypatch.setattr("swe_sphere.steppers.stepper.LARGE", 1)
     monkeypatch.setitem(LONG, kind, LARGE[kind])

@@ -11,6 +11,8 @@ import pytest
 from swe_sphere.cli.show import Results
 from swe_sphere.io.runfile import RunFile
 
+from .support import thorough
+
 PROGRAM = Path(sys.executable).with_name("swe-sphere")
 SMALL = "williamson2 --ne=2 --np=4 --dt=1800 --days=0.0625"
 
@@ -27,9 +29,9 @@ def shell(command):
 @pytest.mark.parametrize(
     ("command", "why"),
     [
-        ("list > /dev/full", "No space left on device"),
+        thorough("list > /dev/full", "No space left on device"),
         ("list >&-", "Bad file descriptor"),
-        ("--version > /dev/full", "No space left on device"),
+        thorough("--version > /dev/full", "No space left on device"),
     ],
 )
 def test_a_result_that_is_lost_is_an_error(command, why):
@@ -37,6 +39,7 @@ def test_a_result_that_is_lost_is_an_error(command, why):
     assert shell(command) == (1, "", told)
 
 
+@pytest.mark.thorough
 def test_a_failure_whose_json_is_lost_is_one_line():
     status, _, said = shell("compare none.nc none.nc --json > /dev/full")
     assert (status, said) == (2, "swe-sphere: there is no file none.nc\n")
@@ -49,7 +52,7 @@ def test_results_are_written_at_once(tmp_path):
     assert place.read_text() == "found"
 
 
-@pytest.mark.parametrize("closed", ["2>&-", "2>/dev/full", "<&- 2>&-"])
+@pytest.mark.parametrize("closed", ["2>&-", thorough("2>/dev/full"), thorough("<&- 2>&-")])
 def test_errors_that_nobody_reads_show_in_the_status(closed):
     assert shell(f"nonsense {closed}") == (2, "", "")
 

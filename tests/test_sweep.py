@@ -246,6 +246,7 @@ def test_potential_vorticity_is_that_of_columns_at_the_mean_depth():
 # --- failures
 
 
+@pytest.mark.thorough
 def test_failures_are_rows_that_say_why(monkeypatch):
     """Unstable, timed out, a Newton solve that fails, and what cannot be run at all."""
     monkeypatch.setattr("swe_sphere.steppers.implicit.NEWTON_ITERATIONS", 1)
@@ -414,6 +415,7 @@ def test_the_dataset_can_be_made_again_from_the_records(lauter):
 # --- searches
 
 
+@pytest.mark.thorough
 def test_the_longest_stable_step_is_that_of_theory():
     explicit, implicit = (
         rows(
@@ -457,6 +459,7 @@ def test_the_growth_of_noise_is_the_same_in_any_order_of_the_nodes(monkeypatch):
     assert len(found) == 1 and "noise has grown" in found.pop()
 
 
+@pytest.mark.thorough
 def test_a_search_finds_the_longest_step_that_is_good_enough():
     target = 1e-4
     dataset = sweep("lauter", ["rk4", "esdirk4"], target_error=target, target_kind="time",

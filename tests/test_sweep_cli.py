@@ -222,6 +222,7 @@ def test_a_mistake_gets_one_line_and_status_2(swe, tmp_path, line):
     assert MISTAKES[line] in err
 
 
+@pytest.mark.thorough
 def test_ctrl_c_keeps_the_runs_and_leaves_with_130(tmp_path):
     command = (PROGRAM, "sweep", "lauter", "--steppers", "rk4", "--dt", "60,50,40",
                "--ne", "3", "--days", "1", "--out", tmp_path)  # fmt: skip

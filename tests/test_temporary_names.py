@@ -19,12 +19,14 @@ from swe_sphere.files.durable import building, claim, take_place, write_whole
 from swe_sphere.pictures.plot import animate_file, plot_file
 from swe_sphere.simulation.simulation import Simulation
 
+from .support import thorough
+
 
 def small():
     return Simulation("williamson2", ne=2, np=4, dt=1800.0)
 
 
-@pytest.mark.parametrize("name", ["run.nc", "run.zarr"])
+@pytest.mark.parametrize("name", ["run.nc", thorough("run.zarr")])
 def test_what_a_user_has_called_like_a_temporary_file_is_left_alone(tmp_path, name):
     pytest.importorskip("zarr")
     theirs = tmp_path / "theirs"
@@ -198,6 +200,7 @@ def made(tmp_path_factory):
     return path
 
 
+@pytest.mark.thorough
 def test_a_picture_replaces_no_file_unless_it_is_told_to(made, tmp_path, capsys):
     place, film = tmp_path / "a.png", tmp_path / "a.gif"
     for each in (place, film):
@@ -220,6 +223,7 @@ def test_a_picture_replaces_no_file_unless_it_is_told_to(made, tmp_path, capsys)
     assert capsys.readouterr().err.count("exists: choose another name") == 2
 
 
+@pytest.mark.thorough
 def test_the_picture_of_a_run_is_refused_before_the_run(tmp_path, capsys):
     place, out = tmp_path / "a.png", tmp_path / "run.nc"
     place.write_text("mine")
@@ -233,6 +237,7 @@ def test_the_picture_of_a_run_is_refused_before_the_run(tmp_path, capsys):
     assert end.value.code == 0 and place.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.thorough
 def test_an_unfinished_picture_leaves_the_one_before(made, tmp_path, monkeypatch):
     from matplotlib.figure import Figure
 
@@ -259,7 +264,7 @@ def test_an_unfinished_picture_leaves_the_one_before(made, tmp_path, monkeypatch
         "run williamson2 --restart=@", "run williamson2 --ne=2 --days=0 --out=@.nc",
     ],
 )  # fmt: skip
-@pytest.mark.parametrize("name", ["a" * 300, "loop", "run.nc/a"])
+@pytest.mark.parametrize("name", ["a" * 300, thorough("loop"), thorough("run.nc/a")])
 def test_names_that_the_system_refuses_end_in_one_line(words, name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for ending in ("", ".png", ".gif", ".nc"):
