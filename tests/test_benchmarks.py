@@ -88,6 +88,7 @@ def test_sections_are_stored_one_by_one_and_measured_once(tmp_path, monkeypatch)
         measure("test", parts, ["third"])
 
 
+@pytest.mark.thorough
 def test_numbers_of_cases_are_stored_as_a_table_and_make_their_page(tmp_path, monkeypatch):
     """Through the files of `swe-sphere verify` and `stress`."""
     from swe_sphere.cli.main import main

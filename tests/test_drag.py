@@ -200,6 +200,7 @@ def test_spectrum_has_drag_and_relaxation() -> None:
         assert spectrum.wave > 0.0
 
 
+@pytest.mark.thorough
 def test_explicit_spectrum_of_semi_implicit_steppers_has_drag_too() -> None:
     model = Model(MESH, make_scene("pressure").with_effect(Drag(quadratic=1e-5)))
     state = random_state(model)

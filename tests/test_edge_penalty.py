@@ -277,6 +277,7 @@ def test_a_long_run_without_dissipation_warns_of_computational_modes():
     assert "tenfold in about 12 days" in found[0][0] and "edge-penalty.c=default" in found[0][0]
 
 
+@pytest.mark.thorough
 def test_the_penalty_acts_once_in_a_cycle_that_limits_no_step():
     mesh = Mesh.build(3, 4)
     scene = get_scene("williamson5")

@@ -16,8 +16,6 @@ from swe_sphere.steppers.flow_limit import wind_share
 from swe_sphere.steppers.forward_backward import STRONG, ForwardBackward, ForwardBackwardRK3
 from swe_sphere.testcases import get_scene
 
-from .support import thorough
-
 SCENES = {
     "all": ("advection", "pressure", "rotation", "orography", "forcing", "drag", "relaxation"),
     "linear": ("pressure", "rotation", "linearised", "drag"),
@@ -105,7 +103,8 @@ def test_fb_rk3_is_what_its_formulas_say(small_mesh, effects) -> None:
         assert relative(stepper.state.numpy(), x, 3) < 1e-12
 
 
-@pytest.mark.parametrize("name", [thorough("forward-backward"), "fb-rk3"])
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", NAMES)
 def test_both_launch_shapes_step_alike(name: str) -> None:
     """Dissipation and what acts at a point are added in registers too, inside whole groups."""
     effects = {"viscosity.nu": 1e5, "drag.linear": 1e-5, "drag.quadratic": 1e-8}

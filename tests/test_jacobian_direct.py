@@ -113,6 +113,7 @@ def test_a_steady_flow_is_stepped_over_five_days_at_once() -> None:
     assert stepper.space.norm(stepper.state) == pytest.approx(stepper.space.norm(start), rel=1e-4)
 
 
+@pytest.mark.thorough
 def test_factors_beyond_all_memory_are_refused(monkeypatch) -> None:
     monkeypatch.setattr("swe_sphere.solvers.preconditioners.preconditioner.LARGEST_MEMORY", 1e5)
     with pytest.raises(ConfigError, match="choose the preconditioner helmholtz instead"):

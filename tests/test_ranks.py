@@ -176,7 +176,7 @@ MODES = {
 }
 """By number of ranks: what they do, all of it once they have been started, which takes longer."""
 FEW = [EXPLICIT[0], SUMMING[2]]
-"""What three ranks do for the tests that are not thorough."""
+"""Cases of two ranks in the tests that are not thorough."""
 
 
 @pytest.fixture(scope="module")
@@ -193,8 +193,8 @@ def found(mpi):
 
 @pytest.fixture(scope="module")
 def few(mpi):
-    """What `ranks.py` tells of `FEW` on three ranks."""
-    return fingerprints(3, {"plain": FEW})["plain"]
+    """What `ranks.py` prints for `FEW` on two ranks."""
+    return fingerprints(2, {"plain": FEW})["plain"]
 
 
 def fingerprints(ranks, modes):
@@ -204,7 +204,7 @@ def fingerprints(ranks, modes):
     return json.loads(told.splitlines()[-1])
 
 
-def test_three_ranks_find_what_one_process_finds(few):
+def test_two_ranks_find_what_one_process_finds(few):
     """Explicit steps have the same bits; a single process sums up in another order."""
     alone = [fingerprint(*case) for case in FEW]
     assert few[0][:2] == [*alone[0][:2]]
@@ -236,7 +236,7 @@ def test_every_stepper_and_every_scene_has_the_same_bits_on_any_number_of_ranks(
 def test_nothing_is_sent_but_what_others_need(few):
     """Each element node at a node that others hold goes to each of them: three float64 fields."""
     mesh = Mesh.build(*FEW[0][4:6])
-    owner = {e: rank for rank, part in enumerate(parts_of(mesh, 3)) for e in part.elements}
+    owner = {e: rank for rank, part in enumerate(parts_of(mesh, 2)) for e in part.elements}
     holders = [set() for _ in range(mesh.size)]
     for e, nodes in enumerate(mesh.nodes.reshape(mesh.elements, -1)):
         for node in nodes:

@@ -206,6 +206,7 @@ def test_frames_of_the_last_run_may_be_those_of_its_file(tmp_path):
     np.testing.assert_array_equal(sim.frames.h, open_run(tmp_path / "run.nc").h)
 
 
+@pytest.mark.thorough
 def test_a_film_of_the_last_run_is_shown_by_notebooks():
     sim = small("williamson5")
     sim.run(days=0.25, every=6, keep=True)

@@ -56,7 +56,8 @@ def test_wave_spectrum_against_dense_eigenvalues(ne: int, np_: int, kind: str) -
     assert model.spectrum(state).wave == pytest.approx(exact, rel=0.02)
 
 
-@pytest.mark.parametrize("effect", [thorough("viscosity"), "hyperviscosity"])
+@pytest.mark.thorough
+@pytest.mark.parametrize("effect", ["viscosity", "hyperviscosity"])
 def test_dissipation_spectrum_against_dense_eigenvalues(effect: str) -> None:
     model = Model(Mesh.build(2, 3), make_scene(*WAVES, effect))
     state = model.device_mesh.upload(states(model)["flow"])

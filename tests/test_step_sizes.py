@@ -17,6 +17,8 @@ from swe_sphere.steppers import STEPPERS, Stepper
 from swe_sphere.steppers.stage_solver import SHARE, Motion
 from swe_sphere.testcases import get_scene
 
+from .support import thorough
+
 LONG, SHORT = 900.0, 120.0
 FILTERED = "semi-implicit"
 SOLVING = [name for name, cls in STEPPERS.items() if hasattr(cls, "error_constant")]
@@ -66,7 +68,7 @@ def test_short_steps_converge_with_default_tolerances(name: str) -> None:
     assert found[SHORT].counters["krylov_iterations"] >= solves
 
 
-@pytest.mark.parametrize("name", ["esdirk4", "gauss-legendre", "ark2"])
+@pytest.mark.parametrize("name", [thorough("esdirk4"), "gauss-legendre", "ark2"])
 def test_float32_takes_corrections_too(name: str) -> None:
     """Waves of the wind that are smaller than the round-off of the depth: as good as rk4."""
     implicit, explicit = (
