@@ -10,7 +10,7 @@ from sweeps import make_sweep
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.studies.report.figures import CUSTOM, LOOKS, look
+from swe_sphere.studies.report.figures import CUSTOM, LOOKS, looks
 from swe_sphere.studies.report.ranking import (
     Metric,
     candidates,
@@ -231,14 +231,27 @@ def lab(colour: str, vision) -> np.ndarray:
 
 def test_every_stepper_has_a_colour_and_a_marker_of_its_own():
     ours = {n for n, kind in STEPPERS.items() if kind.__module__.startswith("swe_sphere.")}
-    looks = [look(name) for name in ours]
-    assert {*LOOKS} == ours and len({marker for _, marker in looks}) == len(looks)
-    assert {marker for _, marker in looks}.isdisjoint(CUSTOM[1])
+    found = looks(ours)
+    shapes = [(look["fillstyle"], look["marker"]) for _, look in found.values()]
+    assert found.keys() == ours and len({*shapes}) == len(shapes)
+    assert {name: family for name, (family, _) in found.items()} == {
+        name: STEPPERS[name].family for name in ours
+    }
+    assert {*shapes}.isdisjoint((look["fillstyle"], look["marker"]) for look in CUSTOM)
     for vision in VISIONS:
-        seen = [lab(colour, np.array(vision)) for colour, _ in looks]
-        seen += [lab(colour, np.array(vision)) for colour in CUSTOM[0]]
+        seen = [lab(look["color"], np.array(vision)) for _, look in found.values()]
+        seen += [lab(known[""]["color"], np.array(vision)) for known in LOOKS.values()]
         assert min(np.linalg.norm(a - b) for a, b in combinations(seen, 2)) > 12.0
-    assert look("mine") == look("mine")
+
+
+def test_custom_steppers_have_the_hue_of_their_family_and_differ_by_markers(monkeypatch):
+    mine = [f"mine{n}" for n in range(6)]
+    monkeypatch.setitem(STEPPERS.data, mine[0], STEPPERS["ark2"])
+    found = looks(["tr-bdf2", *mine, "rk4"])
+    assert [*found] == ["rk4", mine[0], "tr-bdf2", *mine[1:]]
+    assert [family for family, _ in found.values()][1:4] == ["imex", "implicit", "other"]
+    shapes = {(look["fillstyle"], look["marker"]) for _, look in found.values()}
+    assert len(shapes) == len(found)
 
 
 def test_curves_are_named_by_what_tells_them_apart():

@@ -15,7 +15,7 @@ FILES = (DOCS / "reference" / "files.md").read_text()
 def test_the_example_runs(capsys, tmp_path, monkeypatch):
     """Its blocks in order, on a smaller mesh."""
     blocks = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-    assert len(blocks) == 4
+    assert len(blocks) == 5
     monkeypatch.chdir(tmp_path)
     script = "".join(blocks).replace("ne=4, np=4, days=1, repeats=3", "ne=2, np=4, days=0.5")
     names = {}
@@ -24,6 +24,7 @@ def test_the_example_runs(capsys, tmp_path, monkeypatch):
     assert (names["limits"].sel(stepper="esdirk4") > names["limits"].sel(stepper="rk4")).item()
     assert "esdirk4" in capsys.readouterr().out
     assert "tr-bdf2" in Path("runs.csv").read_text()
+    assert all(Path(f"{name}.pdf").exists() for name in ("cost", "steps", "limits"))
 
 
 def test_every_variable_of_the_page_is_there():

@@ -1,37 +1,49 @@
-"""The figures of a sweep: looks of steppers, and curves through runs on logarithmic axes; SVG."""
+"""The figures of a sweep: looks of steppers, and curves through runs on logarithmic axes.
+
+The page of a sweep and `ds.sweep` draw the same figures.
+"""
 
 import math
 import tomllib
 from base64 import b64encode
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from io import StringIO
-from operator import itemgetter
+from itertools import product
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from matplotlib import style
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
+from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies import words
-from swe_sphere.studies.report.ranking import FAILED, Metric, with_cost
+from swe_sphere.studies.report.ranking import FAILED, Metric
 
-Marker = str | tuple[int, int, int]
-INK, FAINT = "#1b1f24", "#6e7781"
+INK, FAINT, PALE = "#1b1f24", "#6e7781", "#d0d7de"
 STYLE = Path(__file__).with_name("templates") / "figures.mplstyle"
 LOOKS = tomllib.loads(STYLE.with_name("looks.toml").read_text("utf-8"))
-"""Colours and markers of the steppers of the package."""
-CUSTOM = ("#00005a", "#3c0000", "#961e00", "#96965a"), ("1", "2", "3", "4", "+")
-"""Colours and markers of other steppers, which are far from those of the package."""
-SIZE = (5.4, 3.7)
-"""Size of a figure [inches]: on a telephone a point of text is about a pixel."""
+"""Colour, marker and fill of the steppers of the package, by family."""
+CUSTOM = [
+    {"marker": marker, "fillstyle": fill} for fill, marker in product(("full", "none"), "*PX")
+]
+"""Markers of custom steppers, which no stepper of the package has."""
+Look = tuple[str, dict[str, Any]]
+"""Family of a stepper, and colour, marker and fill of its lines."""
+SCREEN = 122.0
+"""Width of a figure of a page [mm]: on a telephone a point of text is about a pixel."""
+WIDE = 110.0
+"""Figures of at least this width [mm] have panels in two columns."""
+MOST_CURVES = 8
+"""A figure of more curves has a panel for each family, with the others in grey."""
 SMALLEST = 1e-17
 """Zero is drawn here."""
-LEAST, SHORT = 3.0, 300.0
-"""Ratio of the highest to the lowest value of an axis: at least, and where it has many ticks."""
+LEAST, SHORT, LONG = 3.0, 10.0, 300.0
+"""Ratio of the highest to the lowest value of an axis: at least, and where it has fewer ticks."""
 
 LIMITS = (
     "Gravity limit: of leapfrog without filter; advective limit: the same for the wind alone."
@@ -39,14 +51,23 @@ LIMITS = (
 )
 
 
-def look(stepper: str) -> tuple[str, Marker]:
-    """Return the colour and marker of a stepper; of a custom one, always the same for its name."""
-    if stepper in LOOKS:
-        colour, marker = LOOKS[stepper]
-        return colour, marker if isinstance(marker, str) else tuple(marker)
-    place = sum((i + 1) * byte for i, byte in enumerate(stepper.encode()))
-    colours, markers = CUSTOM
-    return colours[place % len(colours)], markers[place // 4 % len(markers)]
+def looks(steppers: Iterable[str]) -> dict[str, Look]:
+    """Return family and look of steppers by name, in the order of legends.
+
+    The hue stands for the family and the shade for the stepper; custom steppers share a shade of
+    their family, or of "other" where their class is not known, and differ by the marker.
+    """
+    names, known = {*steppers}, {name for family in LOOKS.values() for name in family}
+    customs = {
+        name: ("other" if name not in STEPPERS else STEPPERS[name].family, CUSTOM[n % len(CUSTOM)])
+        for n, name in enumerate(sorted(names - known))
+    }
+    found: dict[str, Look] = {}
+    for family, looks in LOOKS.items():
+        found |= {name: (family, look) for name, look in looks.items() if name in names}
+        found |= {name: (family, looks[""] | look)
+                  for name, (of, look) in customs.items() if of == family}  # fmt: skip
+    return found
 
 
 class Picture(NamedTuple):
@@ -64,80 +85,149 @@ class Picture(NamedTuple):
         return f"data:image/svg+xml;base64,{b64encode(self.svg.encode()).decode()}"
 
 
-def error_pictures(runs: pd.DataFrame, metric: Metric, where: str) -> Iterator[Picture]:
+def error_pictures(
+    runs: pd.DataFrame, metric: Metric, where: str, floor: float = math.nan
+) -> Iterator[Picture]:
     """Draw an error on one mesh against the cost and against the step, where runs are known.
 
-    where: first part of the names of files.
+    where: first part of the names of files.  floor: error of the reference.
     """
-    (label, _, _), name = metric.label.partition(" at day"), f"{where}-{metric.name}"
-    timed = with_cost(runs, metric)
-    for clock in timed["clock"].head(1):
-        svg = _drawn(timed, runs[:0], "cost", metric, (f"{clock} of the steps [s]", label))
+    name, curves = f"{where}-{metric.name}", Curves("cost", metric, floor)
+    for clock in curves.shown(runs)["clock"].head(1):
         caption = f"{metric.label}. Bars: how well the times are known."
+        svg = svg_text(figure_of(curves.draw, runs), name)
         yield Picture(f"{name}_time.svg", f"Error against {clock}", caption, svg)
-    yield from _by_step(runs, metric, f"{name}_step.svg", "Error against Δt", metric.label, label)
+    curves = Curves("dt", metric, floor)
+    yield from _by_step(runs, curves, f"{name}_step.svg", "Error against Δt", metric.label)
 
 
 def other_pictures(runs: pd.DataFrame, where: str) -> Iterator[Picture]:
     """Draw iterations and energy, which do not depend on the choice of error."""
     krylov, drift = runs["krylov_a_step"], runs["energy_drift"].abs()
-    runs = runs.assign(krylov_a_step=krylov.where(krylov > 0.0), energy_drift=drift)
-    name, title = f"{where}-krylov_iterations.svg", "Krylov iterations a step"
-    yield from _by_step(runs, "krylov_a_step", name, title, "Explicit steppers have none", title)
+    title, label = "Krylov iterations a step", "|relative change of energy|"
+    runs = runs.assign(**{title: krylov.where(krylov > 0.0), label: drift})
+    name, what = f"{where}-krylov_iterations.svg", "Explicit steppers have none"
+    yield from _by_step(runs, Curves("dt", title), name, title, what)
     name, what = f"{where}-energy_drift.svg", "Size of the relative change over the run"
-    label = "|relative change of energy|"
-    yield from _by_step(runs, "energy_drift", name, "Drift of energy", what, label)
+    yield from _by_step(runs, Curves("dt", label), name, "Drift of energy", what)
 
 
 def _by_step(
-    runs: pd.DataFrame, y: str | Metric, name: str, title: str, what: str, label: str
+    runs: pd.DataFrame, curves: "Curves", name: str, title: str, what: str
 ) -> Iterator[Picture]:
-    shown = runs[runs["compared"] & (runs["dt"] > 0.0) & np.isfinite(runs[y])]
-    if len(shown):
-        svg = _drawn(shown, runs[runs["status"].isin(FAILED)], "dt", y, ("Δt [s]", label))
+    if len(curves.shown(runs)):
+        svg = svg_text(figure_of(curves.draw, runs), name)
         yield Picture(name, title, f"{what}. {LIMITS}", svg)
 
 
-def _drawn(
-    runs: pd.DataFrame, failed: pd.DataFrame, x: str, y: str | Metric, labels: tuple[str, str]
-) -> str:
-    """Draw curves through runs, a column against another; failed: runs that failed."""
+def figure_of(
+    draw: Callable[..., None], runs: pd.DataFrame, width: float = SCREEN,
+    make: Callable[..., Figure] = Figure,
+) -> Figure:  # fmt: skip
+    """Return a figure of the runs on one mesh: one panel, or one for each family.
+
+    draw: draws into axes the runs of a family, or of all if its name is empty.  width: [mm].
+    """
     with style.context(STYLE):
-        figure = Figure(figsize=SIZE, layout="constrained")
-        axes = figure.subplots()
+        families = [*dict.fromkeys(family for family, _ in looks(runs["stepper"]).values())]
+        families = families if runs["curve"].nunique() > MOST_CURVES else [""]
+        columns = 2 if len(families) > 1 and width >= WIDE else 1
+        rows, inch = -(-len(families) // columns), width / 25.4
+        figure = make(figsize=(inch, 0.68 * rows * inch / columns), layout="constrained")
+        for n, family in enumerate(families):
+            draw(figure.add_subplot(rows, columns, n + 1), runs, family)
+    return figure
+
+
+class Curves(NamedTuple):
+    """Curves of an error or another column against the time step or the cost."""
+
+    x: str
+    """Column "dt" or "cost"."""
+    y: str | Metric
+    floor: float = math.nan
+    """Error of the reference: below, axes are grey."""
+
+    def shown(self, runs: pd.DataFrame) -> pd.DataFrame:
+        """Return the comparable runs that have both values."""
+        known = runs[runs["compared"] & np.isfinite(runs[self.y])]
+        return known[known[self.x].between(0.0, math.inf, inclusive="neither")]
+
+    def draw(self, axes: Axes, runs: pd.DataFrame, family: str = "") -> None:
+        """Draw the curves of a family, those of others in grey; their names stand on the right."""
+        shown, known, (x, y, floor) = self.shown(runs), looks(runs["stepper"]), self
         if x == "dt":
-            _mark_limits(axes, runs, failed)
-        else:
-            least = np.maximum(runs["least"], 0.1 * runs["cost"])  # zero is not on the axis
-            colours = [look(name)[0] for name in runs["stepper"]]
-            heights = runs[y].clip(lower=SMALLEST)
-            axes.hlines(heights, least, runs["most"], colours, linewidth=2.6, alpha=0.4)
-        _draw_curves(axes, runs, x, y)
-        finish(axes, *labels)
-    return svg_text(figure, str(y))
+            _mark_limits(axes, shown)
+            for name, steps in runs[runs["status"].isin(FAILED)].groupby("stepper")["dt"]:
+                if family in ("", known[name][0]):
+                    axes.plot(
+                        steps, [0.98] * len(steps), "x", color=known[name][1]["color"],
+                        markersize=4.0, transform=axes.get_xaxis_transform(),
+                    )  # fmt: skip
+        places = shown["stepper"].map([*known].index)
+        for (_, label), curve in shown.sort_values("dt").groupby([places, "curve"]):
+            (of, look), heights = known[curve["stepper"].iloc[0]], curve[y].clip(lower=SMALLEST)
+            if family not in ("", of):
+                axes.plot(curve[x], heights, color=PALE, linewidth=0.8, zorder=1)
+                continue
+            if x == "cost":  # zero is not on the axis
+                least = np.maximum(curve["least"], 0.1 * curve["cost"])
+                axes.hlines(heights, least, curve["most"], look["color"], linewidth=0.7)
+            axes.plot(curve[x], heights, curve["line"].iloc[0], label=label, markersize=4.5,
+                      linewidth=1.0, markeredgewidth=0.8, **look)  # fmt: skip
+        axes.legend(title=family, loc="upper left", bbox_to_anchor=(1.0, 1.02), fontsize="small",
+                    handlelength=2.2, alignment="left")  # fmt: skip
+        clock = f"{next(iter(shown['clock']), 'time')} of the steps [s]"
+        finish(axes, clock if x == "cost" else "Δt [s]", getattr(y, "axis", str(y)))
+        if isinstance(y, Metric):
+            _mark_slopes(axes, shown, x, y)
+        if (low := axes.get_ylim()[0]) < floor < axes.get_ylim()[1]:
+            axes.axhspan(low, floor, color=FAINT, alpha=0.15, linewidth=0.0)
+            axes.annotate(
+                "error of the reference", (0.99 if x == "cost" else 0.01, 0.01), color=FAINT,
+                ha="right" if x == "cost" else "left", xycoords="axes fraction", fontsize="small",
+            )  # fmt: skip
 
 
-def _draw_curves(axes: Axes, runs: pd.DataFrame, x: str, y: str | Metric) -> None:
-    """Draw curves, with their names right of the axes in the order of their ends."""
-    handles = []
-    for label, curve in runs.sort_values("dt", kind="stable").groupby("curve"):
-        colour, marker = look(curve["stepper"].iloc[0])
-        (line,) = axes.plot(
-            curve[x], curve[y].clip(lower=SMALLEST), curve["line"].iloc[0], color=colour,
-            marker=marker, markersize=6.0, linewidth=1.3, label=label,
-        )  # fmt: skip
-        handles.append((-curve.sort_values([x, y])[y].iloc[-1], line))
-    axes.legend(
-        handles=[line for _, line in sorted(handles, key=itemgetter(0))], loc="upper left",
-        bbox_to_anchor=(1.0, 1.02), fontsize=8.5, handlelength=2.4,
-    )  # fmt: skip
+def draw_limits(axes: Axes, runs: pd.DataFrame, family: str = "") -> None:
+    """Draw a line of steps for each stepper: markers where runs completed, crosses elsewhere."""
+    known = [(name, *of) for name, of in looks(runs["stepper"]).items() if family in ("", of[0])]
+    for row, (name, _, look) in enumerate(known):
+        own = runs[(runs["stepper"] == name) & (runs["dt"] > 0.0)]
+        good, bad = own["dt"][own["completed"]], own["dt"][own["status"].isin(FAILED)]
+        axes.plot(good, [row] * len(good), markersize=4.0, linewidth=0.8, **look)
+        axes.plot(bad, [row] * len(bad), "x", markersize=4.0, color=look["color"])
+    _mark_limits(axes, runs)
+    axes.set_ylim(len(known) - 0.5, -0.5)
+    axes.set_yticks(range(len(known)), [name for name, *_ in known])
+    axes.set(xscale="log", xlabel="Δt [s]; crosses: unstable, or the solver failed")
+    _tick(axes.xaxis)
 
 
-def _mark_limits(axes: Axes, runs: pd.DataFrame, failed: pd.DataFrame) -> None:
-    """Draw lines at the gravity-wave and the advective limit, and crosses at steps that failed."""
-    colours = [look(name)[0] for name in failed["stepper"]]
-    axes.scatter(failed["dt"], [0.98] * len(failed), c=colours, s=22.0, marker="x",
-                 transform=axes.get_xaxis_transform())  # fmt: skip
+def _mark_slopes(axes: Axes, runs: pd.DataFrame, x: str, y: Metric) -> None:
+    """Draw triangles in a free corner with the two slopes that most curves have."""
+    orders: list[int] = []
+    for _, curve in runs.sort_values("dt").groupby("curve"):
+        steps, heights = np.diff(np.log(curve[[x, y]].clip(lower=SMALLEST).to_numpy(float)).T)
+        if steps.all() and steps.size and 0.7 < (slope := abs(np.median(heights / steps))) < 6.3:
+            orders += [round(slope)] if abs(slope - round(slope)) < 0.3 else []
+    powers = sorted(sorted({*orders}, key=orders.count)[-2:])
+    ends, (low, high) = np.log(axes.get_xlim()), np.log(axes.get_ylim())
+    wide, falls = np.ptp(ends), x == "cost"
+    side = min(0.16 * wide, 0.35 * (high - low) / max(powers, default=1))
+    inward, base = (1.0 if falls else -1.0), low + 0.05 * (high - low)
+    corner = ends[0 if falls else 1] + inward * 0.05 * wide
+    tip = corner + inward * side
+    for power in powers:
+        top = base + power * side
+        corners = np.exp([[tip, corner, corner, tip], [base, top, base, base]])
+        axes.plot(*corners, color=FAINT, linewidth=0.7)
+        axes.text(corners[0, 1], corners[1, 1], f"{power}", color=FAINT, va="center",
+                  fontsize="small", ha="right" if falls else "left")  # fmt: skip
+
+
+def _mark_limits(axes: Axes, runs: pd.DataFrame) -> None:
+    """Draw lines at the gravity-wave and the advective limit."""
     for title, side in (("gravity limit", "right"), ("advective limit", "left")):
         limits = runs[title.replace(" ", "_")]
         known = limits[limits.between(0.0, math.inf, inclusive="neither")]
@@ -146,8 +236,8 @@ def _mark_limits(axes: Axes, runs: pd.DataFrame, failed: pd.DataFrame) -> None:
         where = float(known.median())
         axes.axvline(where, color=FAINT, linewidth=1.0, linestyle=(0, (5, 3)), zorder=1)
         axes.text(
-            where, 1.01, f" {title} \n {words.step(where)} ", va="bottom", ha=side, fontsize=7.5,
-            color=FAINT, transform=axes.get_xaxis_transform(),
+            where, 1.01, f" {title} \n {words.step(where)} ", va="bottom", ha=side, color=FAINT,
+            fontsize="small", transform=axes.get_xaxis_transform(),
         )  # fmt: skip
 
 
@@ -157,11 +247,16 @@ def finish(axes: Axes, x: str, y: str) -> None:
     low, high = axes.get_ylim()  # farther apart, so that noise does not fill the axes
     factor = math.sqrt(max(1.0, LEAST * low / high))
     axes.set_ylim(low / factor, high * factor)
-    for axis in (axes.xaxis, axes.yaxis):
-        low, high = sorted(axis.get_view_interval())
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < SHORT * low else (1.0,)))
-        axis.set_minor_locator(NullLocator())
-        axis.set_major_formatter("{x:g}")
+    _tick(axes.xaxis)
+    _tick(axes.yaxis)
+
+
+def _tick(axis: Axis) -> None:
+    low, high = sorted(axis.get_view_interval())
+    many = (1.0, 2.0, 5.0) if high < SHORT * low else (1.0, 3.0)
+    axis.set_major_locator(LogLocator(subs=many if high < LONG * low else (1.0,)))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter("{x:g}")
 
 
 def svg_text(figure: Figure, name: str) -> str:

@@ -72,8 +72,13 @@ class Metric:
         return KINDS.get(self.kind, self.kind)
 
     @property
+    def axis(self) -> str:
+        """Label of an axis in two lines: "relative total error" and "l2(h)"."""
+        return f"relative {self.kind_title}\n{self.symbol}"
+
+    @property
     def label(self) -> str:
-        """Label of an axis, such as "l2(h), total error at day 15"."""
+        """Part of a caption, such as "l2(h), total error at day 15"."""
         return f"{self.symbol}, {self.kind_title} at day {self.day:g}"
 
     @property

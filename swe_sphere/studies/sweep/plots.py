@@ -1,0 +1,65 @@
+"""The xarray accessor `ds.sweep`: figures of a sweep for print."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import xarray as xr
+
+from swe_sphere.errors import ConfigError, unknown_name
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@xr.register_dataset_accessor("sweep")  # type: ignore[no-untyped-call]
+class SweepFigures:
+    """Figures of the dataset of a sweep, the same as on its page, of the first mesh.
+
+    `sweep` registers this accessor; so does `import swe_sphere.studies.sweep`, for a dataset read
+    from sweep.nc.  Methods return the axes; with more than eight curves each family has a panel,
+    and the first one is returned.  `axes.figure.savefig("cost.pdf")` writes a file.
+
+    ax: axes to draw into, None for those of a new figure.  width: that of a new figure [mm].  kind:
+    "time", "total" or "slow" error, None for the one that ranks the steppers.
+
+    Every method raises ConfigError if the dataset is not of a sweep, or lacks that error.
+    """
+
+    def __init__(self, data: xr.Dataset) -> None:
+        self._data = data
+
+    def plot_cost(
+        self, ax: Axes | None = None, width: float = 84.0, kind: str | None = None
+    ) -> Axes:
+        """Draw the error against the time of the steps."""
+        return self._drawn("cost", ax, width, kind)
+
+    def plot_step_size(
+        self, ax: Axes | None = None, width: float = 84.0, kind: str | None = None
+    ) -> Axes:
+        """Draw the error against the step, with stability limits and the runs that failed."""
+        return self._drawn("dt", ax, width, kind)
+
+    def plot_limits(self, ax: Axes | None = None, width: float = 84.0) -> Axes:
+        """Draw the steps of each stepper: those that reached the end and those that failed."""
+        return self._drawn("", ax, width, None)
+
+    def _drawn(self, x: str, ax: Axes | None, width: float, kind: str | None) -> Axes:
+        from swe_sphere.studies.report import figures, page
+
+        section = page.read_sections(self._data)[0]
+        draw, metrics = figures.draw_limits, {of.metric.kind: of.metric for of in section.rankings}
+        if x and not metrics:
+            raise ConfigError(section.headline)
+        if x and kind is not None and kind not in metrics:
+            raise unknown_name("kind of error", kind, metrics)
+        if x:
+            metric = metrics[kind or next(iter(metrics))]
+            draw = figures.Curves(x, metric, section.floor(metric)).draw
+        if ax is None:
+            from matplotlib import pyplot
+
+            return figures.figure_of(draw, section.runs, width, pyplot.figure).axes[0]
+        draw(ax, section.runs)
+        return ax
