@@ -31,7 +31,7 @@ class Unstable(RunFailed):
 
 
 class SolverFailed(RunFailed):
-    """The equations of a step cannot be solved, even in the smallest sub-steps."""
+    """The equations of a step cannot be solved."""
 
     status = "solver-failed"
 
@@ -61,5 +61,5 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> ConfigError:
     """Return the error for a name that is not among the known ones: the nearest name, then all."""
     names = list(known)
     near = difflib.get_close_matches(name.lower(), names, n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]!r}? " if near else ""
-    return ConfigError(f"unknown {kind} {shown(name)}; {hint}There are: {', '.join(names)}")
+    hint = f"did you mean {near[0]!r}? There" if near else "there"
+    return ConfigError(f"unknown {kind} {shown(name)}; {hint} are: {', '.join(names)}")

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from textwrap import dedent
 
 import numpy as np
 import pytest
@@ -305,6 +306,21 @@ def test_files_without_diagnostics_are_one_line(here, text, word):
         Path("mine.py").write_text(text)
     with pytest.raises(ConfigError, match=word):
         run(make_config(SMALL | {"diagnostics": ["mine.py"]}))
+
+
+def test_the_order_that_the_page_measures_is_that_of_its_stepper(here):
+    script = dedent(next(block for block in BLOCKS if "np.log2" in block))
+    names = {}
+    exec(script, names)
+    orders = np.diff(-np.log2(names["errors"]))
+    assert orders == pytest.approx([3.0, 3.0], abs=0.2)
+
+
+def test_an_implicit_method_without_an_error_constant_is_refused():
+    from swe_sphere.steppers.implicit import ImplicitStepper
+
+    with pytest.raises(ConfigError, match=r"stepper own has no `error_constant`.* define it"):
+        type("Own", (ImplicitStepper,), {"name": "own", "order": 1})
 
 
 def test_the_callback_of_the_page_is_called():

@@ -1,8 +1,8 @@
 """The effects that a scene may declare: small frozen dataclasses.
 
-An effect defines *what* acts on the fluid and with which coefficients. Effects with derivatives
-name the terms of the kernels that they enable; effects without (`PointwiseEffect`) contain their
-formulas, and a scene may define custom ones.
+An effect defines *what* acts on the fluid and with which coefficients. The effects of the kernels
+name the terms that they enable; a `PointwiseEffect` contains its own formulas at a node, without
+derivatives in space, and a scene may define custom ones.
 """
 
 import math

@@ -31,7 +31,7 @@ from swe_sphere.io.runfile import RunFile, reading
 from swe_sphere.io.scalar_fields import FIELDS, POWER, derive
 from swe_sphere.mesh import Mesh
 
-SAMPLES = 1000
+ROOM_FOR_SAMPLES = 1000
 MENDING = "; free some space or write elsewhere (everything written before stays readable)"
 KEPT = ("run_id", "start_step", "history")
 """Attributes that a resumed run keeps."""
@@ -63,7 +63,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         attributes: Mapping[str, object],
         bottom: ArrayLike = 0.0,
         tracers: Iterable[str] = (),
-        samples: int = SAMPLES,
+        samples: int = ROOM_FOR_SAMPLES,
         append_from: float | None = None,
         own: Mapping[str, Mapping[str, str]] | None = None,
         own_fields: Iterable[str] = (),

@@ -113,7 +113,7 @@ class SharedConfig(BaseModel):
 
 
 class RunConfig(SharedConfig):
-    """All options of `swe-sphere run`; None stands for the scene's recommendation.
+    """All options of `swe-sphere run`; None stands for a default of the scene or of the option.
 
     The names are those of the flags (and of the keys of a `--config` file), with `_` for `-`,
     except for two that Python reserves: `settings` is `--set`, `as_json` is `--json`. Scene,

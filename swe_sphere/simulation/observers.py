@@ -1,6 +1,7 @@
 """Observers of a run: checks, frames and series, progress, callbacks, pictures.
 
-All of them are an `Observer`, which sees snapshots of the state and changes nothing.
+All of them are an `Observer`, which sees snapshots of the state. Only callbacks and custom
+observers may change the state, which is then checked again.
 """
 
 import math

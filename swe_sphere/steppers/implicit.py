@@ -184,6 +184,14 @@ class VariableStepper(Stepper):
     diffusion_apart = False
     solver: StageSolver
 
+    @classmethod
+    def complete(cls) -> None:
+        if not hasattr(cls, "error_constant"):
+            raise ConfigError(
+                f"stepper {cls.name} has no `error_constant`, which the tolerance of its solver"
+                " follows: define it beside its name"
+            )
+
     def __init__(self, model: Model, dt: float, solver: StageSolver) -> None:
         super().__init__(model, dt)
         self.solver, self.space = solver, solver.space
