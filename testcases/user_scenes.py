@@ -33,7 +33,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, PositiveFloat, PositiveInt, ValidationError
 
-from swe_sphere.equations.scene import Parameter, Scene, with_parameters
+from swe_sphere.equations.scene import Parameter, Scene, configured_effect
 from swe_sphere.errors import ConfigError, shown, unknown_name
 from swe_sphere.files.user_file import file_contents, guarded, is_user_file, load_file
 from swe_sphere.settings.registry import first_line
@@ -132,7 +132,7 @@ def _load(path: Path, parameters: Mapping[str, Parameter], depth: int = 0) -> Sc
             if values is False:
                 scene = scene.without_effect(name)
             else:
-                scene = with_parameters(scene, {name: values})
+                scene = scene.with_effect(configured_effect(scene, name, values))
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}" if depth == 0 else str(error)) from None
     changed = file.model_dump(exclude={"base", "parameters", "effects"}, exclude_none=True)

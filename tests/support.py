@@ -20,6 +20,7 @@ from swe_sphere.equations.effects import (
 )
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import Scene
+from swe_sphere.io.runfile import Nodal
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS, Stepper
 
@@ -164,3 +165,14 @@ def relative(ours: np.ndarray, theirs: np.ndarray, blocks: int = 1) -> float:
     """Largest difference in any block (u, v or h), over the largest value in that block."""
     pairs = zip(np.split(ours, blocks), np.split(theirs, blocks), strict=True)
     return max(float(np.abs(a - b).max() / (np.abs(b).max() or 1.0)) for a, b in pairs)
+
+
+class Frame(Nodal):
+    """State at the nodes of a mesh at a time [s]: fields (N,), including the bottom b."""
+
+    def __init__(self, mesh: Mesh, fields: dict, time: float, attributes: dict) -> None:
+        self.mesh, self.fields, self.attributes, self.about = mesh, fields, attributes, {}
+        self.bottom, self.times = fields["b"], np.array([time])
+
+    def frame(self, time: float | None = None) -> dict:
+        return self.fields

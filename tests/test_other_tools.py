@@ -10,11 +10,11 @@ import xarray as xr
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
+from support import Frame
 
 from swe_sphere import open_run
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.netcdf import FrameWriter
-from swe_sphere.io.runfile import Frame
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.sphere import position
 from swe_sphere.pictures.look import Look

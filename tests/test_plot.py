@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.quiver import Quiver
 from PIL import Image
+from support import Frame
 
 from swe_sphere import open_run
 from swe_sphere.analysis.regrid import regrid_file
@@ -19,7 +20,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.io.growing import RECORDS_AT
 from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.io.reference_solution import Exact, Reference, compare
-from swe_sphere.io.runfile import Frame, RunFile
+from swe_sphere.io.runfile import RunFile
 from swe_sphere.io.scalar_fields import FIELDS
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.sphere import frame, position

@@ -210,27 +210,22 @@ class Scene:
 def apply_settings(scene: Scene, settings: object) -> Scene:
     """Return the scene with the parameters of its effects from settings.
 
-    settings: the result of `read_settings`; settings of the scene itself and of the stepper are
-    skipped. Raises ConfigError as `with_parameters` does.
+    settings: as for `read_settings`; settings of the scene itself and of the stepper are skipped.
+    Raises ConfigError as `configured_effect`.
     """
-    owners = by_owner(read_settings(settings))
-    return with_parameters(scene, {k: v for k, v in owners.items() if k not in (SCENE, STEPPER)})
-
-
-def with_parameters(scene: Scene, effects: Mapping[str, Mapping[str, object]]) -> Scene:
-    """Return the scene with these parameters of its effects; text is read as a value.
-
-    Dissipation may be switched on (and, by zero, off) for any scene; the parameters of other
-    effects can be changed only if the scene has the effect. Raises ConfigError for a value that
-    cannot be read, and for an unknown name.
-    """
-    for name, values in effects.items():
-        scene = scene.with_effect(_configured(scene, name, values))
+    for name, values in by_owner(read_settings(settings)).items():
+        if name not in (SCENE, STEPPER):
+            scene = scene.with_effect(configured_effect(scene, name, values))
     return scene
 
 
-def _configured(scene: Scene, name: str, given: Mapping[str, object]) -> Effect:
-    """Return the effect `name` of the scene, or a new one, with the given parameters."""
+def configured_effect(scene: Scene, name: str, given: Mapping[str, object]) -> Effect:
+    """Return the effect `name` of the scene, or a new one, with the given parameters.
+
+    Dissipation may be switched on (and, by zero, off) for any scene; the parameters of other
+    effects can be changed only if the scene has the effect. Text is read as a value. Raises
+    ConfigError for a value that cannot be read, and for an unknown name.
+    """
     present = scene.effect(name)
     if present is None and name not in EFFECTS:
         raise unknown_name("effect", name, {effect.name: 0 for effect in scene.effects} | EFFECTS)

@@ -7,7 +7,6 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -302,20 +301,3 @@ class RunFile(Nodal):
             variables = data.variables.items()
             found = {str(name): v.values for name, v in variables if v.dims == (SERIES,)}
         return found.pop(SERIES, np.zeros(0)), found
-
-
-@dataclass
-class Frame(Nodal):
-    """State at the nodes of a mesh at a time [s]: fields (N,), including the bottom b."""
-
-    mesh: Mesh
-    fields: dict[str, Array]
-    time: float
-    attributes: dict[str, Any]
-    about: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self.bottom, self.times = self.fields["b"], np.array([self.time])
-
-    def frame(self, time: float | None = None) -> dict[str, Array]:
-        return self.fields

@@ -23,7 +23,7 @@ from swe_sphere.equations.effects import Effect
 from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.errors import ConfigError, shown
 from swe_sphere.files.durable import clear_errors
-from swe_sphere.io.scalar_fields import evaluate
+from swe_sphere.io.scalar_fields import derive, evaluate
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.mesh import check_settings
 from swe_sphere.mesh.partition import check_ranks
@@ -301,7 +301,7 @@ class Initial:
         import xarray as xr  # takes its time to import
 
         from swe_sphere.analysis.accessor import Analysis
-        from swe_sphere.io.runfile import Frame, Nodal, RunFile
+        from swe_sphere.io.runfile import Nodal, RunFile
 
         self._given, self._points = given, numpy.empty(0)
         time = None if day is None else day * DAY
@@ -317,13 +317,12 @@ class Initial:
             raise ConfigError(
                 f"initial: give a file, a dataset or a function, got {shown(given)}{also}"
             )
-        time = run.nearest(time)
-        frame = Frame(run.mesh, run.frame(time), time, run.attributes)
-        self._frame, digest = frame, hashlib.sha256()
-        for field, values in sorted(frame.fields.items()):
+        self._run, self._time, digest = run, run.nearest(time), hashlib.sha256()
+        self._fields = run.frame(self._time)
+        for field, values in sorted(self._fields.items()):
             digest.update(field.encode() + numpy.ascontiguousarray(values).tobytes())
-        self.origin, self.identity = f"{name} at day {frame.time / DAY:g}", digest.hexdigest()[:16]
-        self.history = str(frame.attributes.get("history", ""))
+        self.origin, self.identity = f"{name} at day {self._time / DAY:g}", digest.hexdigest()[:16]
+        self.history = str(run.attributes.get("history", ""))
 
     def begin(self, scene: Scene) -> Scene:
         """Return the scene with this initial state, and without exact solutions.
@@ -335,7 +334,7 @@ class Initial:
         changes: dict[str, Any] = {"exact": None, "exact_tracers": None}
         if callable(self._given):
             return replace(scene, **changes | {"initial": self._given})
-        fields, tracers = self._frame.fields, dict(scene.tracers or {})
+        fields, tracers = self._fields, dict(scene.tracers or {})
         known = {name: f"q_{name}" for name in tracers if f"q_{name}" in fields}
         for name in ("h", *(() if scene.wind else ("u", "v")), *known.values()):
             if name not in fields:
@@ -350,7 +349,7 @@ class Initial:
             changes["tracers"] = tracers | {k: partial(self._at, q) for k, q in known.items()}
         for name in ("wind", "forcing"):
             if (prescribed := getattr(scene, name)) is not None:
-                changes[name] = partial(_later, prescribed.function, self._frame.time)
+                changes[name] = partial(_later, prescribed.function, self._time)
         return replace(scene, **changes)
 
     def _state(self, moves: bool, lon: Array, lat: Array) -> tuple[Any, Any, Array]:
@@ -360,12 +359,12 @@ class Initial:
 
     def _at(self, name: str, lon: Array, lat: Array) -> Array:
         """Evaluate a field: at the nodes of its mesh bit for bit, else in the elements."""
-        frame, points = self._frame, numpy.array((lon, lat))
-        if numpy.array_equal(points, frame.points):
-            return frame.values(name)
+        points = numpy.array((lon, lat))
+        if numpy.array_equal(points, self._run.points):
+            return derive(self._fields, name)
         if not numpy.array_equal(points, self._points):
-            self._points, self._sampler = points, frame.sampler(lon, lat)
-        return evaluate(self._sampler, frame.fields, name)
+            self._points, self._sampler = points, self._run.sampler(lon, lat)
+        return evaluate(self._sampler, self._fields, name)
 
 
 def _later(function: Callable[..., Any], by: float, lon: Array, lat: Array, time: float) -> Any:
