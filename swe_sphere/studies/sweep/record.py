@@ -6,6 +6,7 @@ import json
 import math
 import os
 import platform
+import tomllib
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -29,28 +30,13 @@ from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 HEADER, RUNS, DATASET = "sweep.json", "runs", "sweep.nc"
 """Names of the file with the request, of the folder of the runs, of the dataset."""
 
-KINDS = ("time", "total", "slow")
-FIELDS = ("h", "v", "vorticity")
-NORMS = ("l1", "l2", "linf")
+_ROWS = tomllib.loads(Path(__file__).with_name("rows.toml").read_text("utf-8"))
+KINDS, FIELDS, NORMS = _ROWS["kinds"], _ROWS["fields"], _ROWS["norms"]
 CLOCKS = ("cpu_seconds", "wall_seconds")
 """Clocks by which runs on a CPU, and on other devices, are compared."""
-MESH = ("ne", "np", "stretch", "precision", "device")
-COUNTS = (
-    "rhs_evaluations", "tangent_evaluations", "preconditioner_applications",
-    "newton_iterations", "krylov_iterations", "rejected_steps",
-)  # fmt: skip
-WORDS = (
-    "scene", "stepper", "preconditioner", "precision", "device", "settings", "role", "status",
-    "reason",
-)  # fmt: skip
-"""Words of a row."""
-UNITS = {
-    **dict.fromkeys(("ne", "np", "stretch", "steps", "jobs", *COUNTS), "1"),
-    **dict.fromkeys(("mass_drift", "energy_drift", "enstrophy_drift"), "1"),
-    **dict.fromkeys(("dt", "gravity_limit", "advective_limit"), "s"),
-    **dict.fromkeys(("compile_seconds", "setup_seconds", "total_seconds"), "s"),
-    **dict.fromkeys(("days", "days_planned"), "d"),
-}
+MESH, COUNTS, WORDS = _ROWS["mesh"], _ROWS["counts"], _ROWS["words"]
+"""Names of the columns of a row: settings of the mesh, counts, and words."""
+UNITS = {name: unit for unit, names in _ROWS["units"].items() for name in names}
 """Numbers of a row and their units; others that a run has come without."""
 
 
