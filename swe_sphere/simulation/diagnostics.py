@@ -18,7 +18,6 @@ from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.files.user_file import guarded, load_file
 from swe_sphere.io.integrals import (
-    MOMENTA,
     Norms,
     area_mean,
     by_name,
@@ -92,7 +91,7 @@ class Snapshot:
         if scene.exact_tracers is not None:
             exact = scene.exact_tracers(mesh.lon, mesh.lat, self.time)
             found |= tracer_errors(mesh, fields, exact)
-        left_out = () if scene.wind is None else OF_FREE_WINDS
+        left_out = () if scene.wind is None else NAMES["of_free_winds"]
         return {name: value for name, value in found.items() if name not in left_out}
 
     @property
@@ -170,13 +169,6 @@ def slow_errors(model: Model, ours: Fields, theirs: Fields) -> Norms:
     # the vorticity of columns brought to the mean depth H: H q - f
     slow = ((state["vorticity"] + f) * mean / state["h"] - f for state in (ours, theirs))
     return {"vorticity": norms(area, *slow)}
-
-
-OF_FREE_WINDS = (
-    "energy", "potential_enstrophy", "energy_drift", "enstrophy_drift", "courant_gravity",
-    *MOMENTA, "angular_momentum_drift", "equatorial_momentum_drift",
-)  # fmt: skip
-"""Numbers that are left out where the wind is prescribed: the scene changes them, not the model."""
 
 
 def reference_errors(reference: Reference, snapshot: Snapshot) -> Numbers:
