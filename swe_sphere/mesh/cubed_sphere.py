@@ -135,15 +135,6 @@ def schmidt(n: Array, centre: Array, stretch: float) -> Array:
     return moved
 
 
-def schmidt_tangent(n: Array, moved: Array, dn: Array, centre: Array, stretch: float) -> Array:
-    """Derivative of `schmidt` at n (..., 3) along the tangents dn (..., 3); moved = schmidt(n)."""
-    plus, minus = _sides(n, centre, stretch)
-    dmu = (dn @ centre)[..., None]
-    change: Array = (stretch**2 + 1.0) * dmu * centre + 2.0 * stretch * (dn - dmu * centre)
-    change -= (stretch**2 - 1.0) * dmu * moved
-    return change / (plus + minus)[..., None]
-
-
 def _sides(n: Array, centre: Array, stretch: float) -> tuple[Array, Array]:
     """Return s^2 (1 + mu) and 1 - mu, both free of cancellation; the sum is (s^2+1)(1 + D mu)."""
     plus = 0.5 * stretch**2 * np.sum((n + centre) ** 2, axis=-1)
@@ -186,8 +177,12 @@ class Placement:
         n, dn = n @ self.rotation.T, dn @ self.rotation.T
         if self.stretch == 1.0:
             return dn
-        moved = schmidt(n, self.point, self.stretch)
-        return schmidt_tangent(n, moved, dn, self.point, self.stretch)
+        centre, stretch = self.point, self.stretch
+        plus, minus = _sides(n, centre, stretch)
+        dmu = (dn @ centre)[..., None]
+        change: Array = (stretch**2 + 1.0) * dmu * centre + 2.0 * stretch * (dn - dmu * centre)
+        change -= (stretch**2 - 1.0) * dmu * schmidt(n, centre, stretch)
+        return change / (plus + minus)[..., None]
 
     def lift(self, n: Array) -> Array:
         """Invert `place`: map unit vectors (..., 3) of the mesh to the plain cubed sphere."""
