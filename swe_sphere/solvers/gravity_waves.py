@@ -72,15 +72,14 @@ def explicit_spectrum(model: Model, state: wp.array, t: float = 0.0) -> Spectrum
 
     They are those of advection and, if it is slow, of the Coriolis force. F - L has larger
     eigenvalues, of both together, but with implicit gravity waves these modes do not grow
-    (docs/results/steps.md). With custom effects all of F - L counts. Raises ConfigError for a
-    scene without gravity waves.
+    (docs/results/steps.md). With custom effects all of F - L counts.
     """
-    at_rest = state_of_rest(model)
     inertial = INERTIAL * float(np.abs(model.coriolis).max())
     wave = max(advection_rate(model, state, t), inertial)
     if any(effect.name not in EFFECTS for effect in model.scene.effects):
         ones = np.ones(model.fluid_size)
-        linear, image = wave_operator(model, at_rest), model.device_mesh.upload(ones)
+        linear = wave_operator(model, state_of_rest(model))
+        image = model.device_mesh.upload(ones)
         space = VectorSpace(ones, model.device, model.device_mesh.real)
         tendency = model.right_hand_side("conservative", fluid_only=True)
 

@@ -65,9 +65,9 @@ class ImexStepper(Stepper):
 
         If the initial wind is faster than the gravity waves, the Coriolis force adds to advection.
         """
-        at_start = explicit_spectrum(model.inviscid, state, t)
-        wave, wind = max(at_start.wave, strongest_advection(model)), model.strongest_wind
         fastest = np.sqrt(model.scene.planet.gravity * reference_depth(model).max())
+        at_start, wind = explicit_spectrum(model.inviscid, state, t), model.strongest_wind
+        wave = max(at_start.wave, strongest_advection(model))
         wave *= cls.shorter if 3.0 * wind > fastest else 1.0
         if wind > fastest:
             wave += float(np.abs(model.coriolis).max())
