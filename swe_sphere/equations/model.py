@@ -19,7 +19,7 @@ from swe_sphere.equations.right_hand_side import (
     fluid_operations,
     needs_base,
 )  # fmt: skip
-from swe_sphere.equations.scene import Scene, State
+from swe_sphere.equations.scene import Scene
 from swe_sphere.equations.spectrum import Spectrum, spectral_radius
 from swe_sphere.equations.tracer_equations import MassFlux, TracerEquations, mixing_ratios
 from swe_sphere.errors import ConfigError
@@ -160,7 +160,15 @@ class Model(DiscreteScene):
         scene, mesh = self.scene, self.mesh
         if scene.wind is None and scene.effect("pressure-gradient") is not None:
             name = "initial" if scene.base is None else "base"
-            _check_depth(f"{scene.name}: the {name} depth", getattr(scene, name), mesh)
+            depth = getattr(scene, name)(mesh.lon, mesh.lat)[2]
+            node = int(np.argmin(depth))
+            if not depth[node] > LEAST_DEPTH:
+                lon, lat = np.degrees((mesh.lon[node], mesh.lat[node]))
+                raise ConfigError(
+                    f"{scene.name}: the {name} depth is {depth[node]:.3g} m at longitude"
+                    f" {lon:.4g}°, latitude {lat:.4g}°; make the fluid deeper or the bottom lower:"
+                    " every depth must be positive"
+                )
         u, v, h = scene.initial(mesh.lon, mesh.lat)
         if not h.any():
             raise ConfigError(f"{scene.name}: the initial depth is zero everywhere: make it deeper")
@@ -284,14 +292,3 @@ class Model(DiscreteScene):
         """Return the mean prescribed rate of change of depth at time t [m s-1]."""
         self.forcing.set_time(t)
         return self.forcing.mean_of_depth
-
-
-def _check_depth(name: str, flow: State, mesh: Mesh) -> None:
-    depth = flow(mesh.lon, mesh.lat)[2]
-    node = int(np.argmin(depth))
-    if not depth[node] > LEAST_DEPTH:
-        lon, lat = np.degrees((mesh.lon[node], mesh.lat[node]))
-        raise ConfigError(
-            f"{name} is {depth[node]:.3g} m at longitude {lon:.4g}°, latitude {lat:.4g}°; make the"
-            " fluid deeper or the bottom lower: every depth must be positive"
-        )

@@ -4,7 +4,6 @@ import warp as wp
 
 from swe_sphere.equations.effects import PointwiseEffect
 from swe_sphere.equations.model import Model
-from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
 from swe_sphere.kernels.average import average_kernel
 from swe_sphere.kernels.pointwise import Pointwise
@@ -24,13 +23,11 @@ class PoissonTendency:
     between the states and the potential vorticity q = (curl V + f)/h half way (Wimmer, Cotter &
     Bauer 2020, doi:10.1016/j.jcp.2019.109016). The operator is skew for the quadrature of the mesh,
     because F is continuous and integration by parts is exact there. The tendency excludes
-    dissipation. F carries the tracers, so that a constant mixing ratio stays constant. Raises
-    ConfigError for a scene that does not step all of the dynamics.
+    dissipation. F carries the tracers, so that a constant mixing ratio stays constant. It exists
+    for scenes that `fits` accepts.
     """
 
     def __init__(self, model: Model) -> None:
-        if not self.fits(model):
-            raise ConfigError(f"the skew form needs the effects {' and '.join(NEEDED)}")
         self._model, mesh, scene = model, model.device_mesh, model.scene
         self._mean, self._base = model.zeros(), model.zeros()
         terms = Terms(advection=True, pressure=True, poisson=True)

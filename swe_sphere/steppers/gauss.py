@@ -131,10 +131,8 @@ class GaussLegendre(ImplicitStepper):
 
     def allocate(self) -> None:
         self.slopes = self.space.stack(len(C))
-        self.guesses, self._pair = (
-            [self.slopes[i] for i in range(len(C))],
-            self.solver.problem.space.zeros(),
-        )
+        self.guesses = [self.slopes[i] for i in range(len(C))]
+        self._pair = self.solver.problem.space.zeros()
         # solved stages less the state: exactly zero at rest
         self._changes = self._pair.reshape((len(C), self.space.n))
 
