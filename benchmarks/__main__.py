@@ -61,7 +61,9 @@ PARTS = {
     ),
     "resolution": Part(
         "results/resolution/README", "",
-        ("-m swe_sphere sweep --recipe resolution --out docs/results/resolution",),
+        ("-m swe_sphere sweep --recipe benchmarks/resolution.toml --out build/resolution",
+         "benchmarks/resolution.py benchmarks/resolution.toml build/resolution"
+         " docs/results/resolution"),
     ),
     "steps": Part(
         "results/steps", "1 hour",

@@ -215,7 +215,7 @@ def test_the_commands_work(lines, files_of_the_reader, done, ranks, tmp_path, mo
     ended = xr.Dataset({"status": ("run", ["completed"]), "role": ("run", ["grid"])})
     monkeypatch.setattr("swe_sphere.cli.sweep._carried_out", lambda *_: ended)
     sweeps = ("cli.sweep._show_sweep", "cli.sweep._begun", "cli.sweep._by_name")
-    for name in (*sweeps, "studies.report.write_report", "studies.resolution.write_map"):
+    for name in (*sweeps, "studies.report.write_report"):
         monkeypatch.setattr(f"swe_sphere.{name}", lambda *_, **__: ())
     monkeypatch.setattr("swe_sphere.pictures.plot.DOTS_PER_INCH", 36)
     for line in lines:

@@ -48,30 +48,24 @@ def sweep(
     if out is None:
         raise ConfigError("out: give the folder of the sweep (--out DIR)")
     loaded = None if recipe is None else load_recipe(recipe)
-    mapped = loaded is not None and loaded.is_map
     plans = [] if report_only else _planned(given(values, SweepPlan), loaded, out)
-    for name in [*([] if mapped else [REPORT]), *([PAGE] if loaded else [])]:
+    for name in [REPORT, *([PAGE] if loaded else [])]:
         check_ours(out / name)
     datasets, completed = {}, report_only
     for folder, plan in plans:
         dataset = datasets[folder] = _carried_out(plan, folder, quiet)
         compared = dataset["status"].where(dataset["role"].isin(["grid", "target"]))
         completed |= bool((compared == "completed").any())
-        if not mapped and not quiet:
+        if not quiet:
             _show_sweep(dataset)
-    from swe_sphere.studies.report import write_report
-    from swe_sphere.studies.resolution import write_map  # matplotlib is slow to import
+    from swe_sphere.studies.report import write_report  # matplotlib is slow to import
 
     for folder in _begun(out) if report_only or loaded else ():
         if folder not in datasets:
             datasets[folder] = write_dataset(folder)
-            if report_only and not mapped and not quiet:
+            if report_only and not quiet:
                 _show_sweep(datasets[folder])
-    named = _by_name(datasets, out, loaded)
-    if loaded is not None and mapped:
-        page = write_map(named, out, recipe=loaded)
-    else:
-        page = write_report(named, out, recipe=loaded)
+    page = write_report(_by_name(datasets, out, loaded), out, recipe=loaded)
     if not quiet:
         typer.echo(page)
     return 0 if completed else RunFailed.exit_status
@@ -101,10 +95,7 @@ def _planned(
     """Return folders and plans; flags take precedence over the recipe."""
     if recipe is None:
         return [(out, make_plan(flags))]
-    plans = recipe.plans(flags)
-    if recipe.is_map and any(plan.jobs > 1 for plan in plans):
-        raise ConfigError("jobs: a map ranks by CPU time, which jobs distort: leave jobs out")
-    return [(out / folder_of(dict(plan)), plan) for plan in plans]
+    return [(out / folder_of(dict(plan)), plan) for plan in recipe.plans(flags)]
 
 
 def _begun(out: Path) -> list[Path]:

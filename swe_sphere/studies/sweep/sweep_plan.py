@@ -204,25 +204,19 @@ class Recipe:
     """Markdown before the results of all."""
     notes: Mapping[str, str] = field(default_factory=dict)
     """Markdown after the results of a scene."""
-    is_map: bool = False
-    """True if one map along resolution replaces the report of each sweep."""
 
     def plans(self, flags: Mapping[str, object]) -> list[SweepPlan]:
         """Return the plans; values of flags replace the recipe's.
 
         A scene among them chooses the sweeps of that scene.  Raises ConfigError for a scene that
-        the recipe does not have, for a sweep of a map without target errors, and as `make_plan`.
+        the recipe does not have, and as `make_plan`.
         """
         scene = flags.get("scene")
         chosen = [values for values in self.sweeps if scene in (None, values.get("scene"))]
         if not chosen:
             scenes = ", ".join(str(values.get("scene")) for values in self.sweeps)
             raise ConfigError(f"the recipe has no scene {scene!r}; it has {scenes}")
-        plans = [make_plan(values | {**flags}) for values in chosen]
-        for plan in plans:
-            if self.is_map and not plan.target_error:
-                raise ConfigError(f"map: a sweep of {plan.scene} has no target-error")
-        return plans
+        return [make_plan(values | {**flags}) for values in chosen]
 
 
 def load_recipe(name: str) -> Recipe:
@@ -230,8 +224,8 @@ def load_recipe(name: str) -> Recipe:
 
     A file has a `title`, perhaps an `introduction`, keys that all sweeps share, and for each a
     table [[sweep]], perhaps with a `note`; or just the keys of one sweep.  A table
-    [sweep.each] with lists by key makes a sweep of every combination.  `map = true` replaces
-    reports by one map.  Raises ConfigError if there is no such recipe or it cannot be read.
+    [sweep.each] with lists by key makes a sweep of every combination.  Raises ConfigError if there
+    is no such recipe or it cannot be read.
     """
     path = Path(name)
     if path.suffix != ".toml":
@@ -240,14 +234,12 @@ def load_recipe(name: str) -> Recipe:
         path = RECIPES / f"{name}.toml"
     table = read_toml(path)
     title, introduction = str(table.pop("title", path.stem)), str(table.pop("introduction", ""))
-    is_map, sweeps = table.pop("map", False), table.pop("sweep", [{}])
-    if not isinstance(is_map, bool):
-        raise ConfigError(f"{path}: map must be true or false, got {is_map!r}")
+    sweeps = table.pop("sweep", [{}])
     if not isinstance(sweeps, list) or not all(isinstance(each, dict) for each in sweeps):
         raise ConfigError(f"{path}: sweeps are tables [[sweep]]")
     notes = {folder_of(table | each): str(each.pop("note")) for each in sweeps if "note" in each}
     single = [by_field(one) for each in sweeps for one in _combinations(path, table | each)]
-    return Recipe(title, tuple(single), introduction, notes, is_map)
+    return Recipe(title, tuple(single), introduction, notes)
 
 
 def folder_of(sweep: Mapping[str, Any]) -> str:

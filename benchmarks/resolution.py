@@ -1,8 +1,14 @@
 """The map along resolution: what each family of steppers costs over explicit ones on finer meshes.
 
-A power law of ne and the Froude number is fitted to the ratios of cost; it names the ne at which a
-family begins to pay.
+    swe-sphere sweep --recipe benchmarks/resolution.toml --out build/resolution
+    python benchmarks/resolution.py benchmarks/resolution.toml build/resolution PAGE_FOLDER
+
+The first command runs the sweeps of the recipe, and resumes them; benchmarks/resolution_quick.toml
+is a small one.  The second fits a power law of ne and the Froude number to the ratios of cost,
+which names the ne at which a family begins to pay, and writes the page with its figures.
 """
+
+from __future__ import annotations
 
 import math
 from collections.abc import Mapping
@@ -12,6 +18,9 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 import pandas as pd
+import typer
+import xarray as xr
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib import style
 from matplotlib.figure import Figure
 from xarray import Dataset
@@ -21,10 +30,10 @@ from swe_sphere.pictures.panels import COLOURS
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.stepper import Family
 from swe_sphere.studies import words
-from swe_sphere.studies.pages import rendered, write_made
+from swe_sphere.studies.pages import in_table
 from swe_sphere.studies.report.figures import INK, STYLE, finish, svg_text
 from swe_sphere.studies.report.page import slug, sweep_rankings
-from swe_sphere.studies.sweep.sweep_plan import Recipe
+from swe_sphere.studies.sweep.sweep_plan import Recipe, folder_of, load_recipe
 
 BASES = {"explicit": "the best explicit step", "rk4": "`rk4`"}
 """What other families are compared with."""
@@ -107,7 +116,7 @@ def fitted(places: pd.DataFrame, base: str) -> Law | None:
 def write_map(datasets: Mapping[str, Dataset], out: Path, *, recipe: Recipe) -> Path:
     """Write the page of a map, README.md, and its figures (SVG); return the path of the page.
 
-    Raises as `best_steps` and `write_made`.
+    Raises as `best_steps`.
     """
     best = best_steps(datasets)
     others = best[best["family"].isin(OTHERS)]
@@ -122,12 +131,19 @@ def write_map(datasets: Mapping[str, Dataset], out: Path, *, recipe: Recipe) -> 
         for key, of in meant.groupby(["group", "target", "family"], sort=False):
             if (law := fitted(of, base)) is not None:
                 fits[kind][base, *key] = law
-    files["README.md"] = rendered(
-        "swe_sphere.studies", "resolution.md.j2", recipe=recipe, figures=figures, **fits,
-        best=best, bases=BASES, base="explicit", families=OTHERS,
-        attributes=[dataset.attrs for dataset in datasets.values()],
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent), undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
-    write_made(out, files)
+    filters = in_table, words.number, words.level, words.seconds, words.step
+    environment.filters |= {each.__name__: each for each in filters}
+    files["README.md"] = environment.get_template("resolution.md.j2").render(
+        recipe=recipe, figures=figures, **fits, best=best, bases=BASES, base="explicit",
+        families=OTHERS, attributes=[dataset.attrs for dataset in datasets.values()],
+    )  # fmt: skip
+    out.mkdir(parents=True, exist_ok=True)
+    for name, text in files.items():
+        (out / name).write_text(text, encoding="utf-8")
     return out / "README.md"
 
 
@@ -149,3 +165,15 @@ def _figure(best: pd.DataFrame) -> Figure:
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=8.0)
     return figure
+
+
+def main(recipe: str, sweeps: Path, out: Path) -> None:
+    """Write the map of the sweeps of a recipe, from the folder `sweeps` to the folder `out`."""
+    loaded = load_recipe(recipe)
+    places = [sweeps / folder_of(sweep) / "sweep.nc" for sweep in loaded.sweeps]
+    datasets = {path.parent.name: xr.load_dataset(path) for path in places if path.exists()}
+    typer.echo(write_map(datasets, out, recipe=loaded))
+
+
+if __name__ == "__main__":
+    typer.run(main)
