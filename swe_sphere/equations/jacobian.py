@@ -9,7 +9,6 @@ import warp as wp
 from swe_sphere.arrays import Array
 from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.equations.right_hand_side import RightHandSide
-from swe_sphere.kernels import combine_kernel
 
 Tendency = Callable[[wp.array, float, wp.array], None]
 
@@ -44,12 +43,10 @@ class DifferenceJacobian:
     def __init__(self, model: DiscreteScene, names: Sequence[str], tendency: Tendency) -> None:
         """Store the names of the blocks (N,) of a state, and the tendency (x, t, out)."""
         self._model, self._names, self._tendency = model, list(names), tendency
-        real, size = model.device_mesh.real, len(names) * model.device_mesh.size
-        self._one, self._two = combine_kernel(real, 1), combine_kernel(real, 2)
+        size = len(names) * model.device_mesh.size
         self._base, self._slope, self._moved, self._zero = (model.zeros(size) for _ in range(4))
         self._root = float(np.sqrt(np.finfo(model.device_mesh.numpy_real).eps))
         self._time, self._sizes = 0.0, np.ones(len(names))
-        model.launch.load(self._one, self._two)
 
     def update(self, state: wp.array, t: float) -> Self:
         """Linearise at a copy of the state and at time t [s]; costs one right-hand side."""
@@ -65,10 +62,10 @@ class DifferenceJacobian:
         if relative == 0.0:
             out.zero_()
             return
-        e, launch, size = self._root / relative, self._model.launch, self._base.size
-        launch(self._one, size, self._base, direction, e, self._moved)
+        e, combine = self._root / relative, self._model.launch.combine
+        combine(self._base, direction, e, out=self._moved)
         self._tendency(self._moved, self._time, out)
-        launch(self._two, size, self._zero, out, 1.0 / e, self._slope, -1.0 / e, out)
+        combine(self._zero, out, 1.0 / e, self._slope, -1.0 / e, out=out)
 
     def _largest(self, state: wp.array) -> Array:
         """Return the largest modulus of each field."""

@@ -23,7 +23,6 @@ from swe_sphere.equations.scene import Scene
 from swe_sphere.equations.spectrum import Spectrum, spectral_radius
 from swe_sphere.equations.tracer_equations import MassFlux, TracerEquations, mixing_ratios
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.simd.stages import stage_struct
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.replay import Replay
@@ -255,8 +254,7 @@ class Model(DiscreteScene):
         base, source = self.parameters.get("base"), x
         if base is not None:
             source = self.room("difference")
-            subtract = combine_kernel(self.device_mesh.real, 1)
-            self.launch(subtract, source.size, x, base, -1.0, source)
+            self.launch.combine(x, base, -1.0, out=source)
         self.edge_penalty(source, tau, out, start)
 
     def jacobian(self) -> Jacobian:

@@ -18,7 +18,7 @@ from swe_sphere.equations.discrete_scene import DiscreteScene, PrescribedFields
 from swe_sphere.equations.effects import Effect, PointwiseEffect
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels import Terms, combine_kernel
+from swe_sphere.kernels import Terms
 from swe_sphere.kernels.pointwise import NO_POINTWISE, PointTerm, Pointwise
 from swe_sphere.operators import TendencyOperator
 from swe_sphere.operators.replay import Replay
@@ -97,22 +97,21 @@ def fluid_operations(
     given = {} if base is None or steady_base is not None else {"base": base}
     operations, source = [], None
     if steady_base is not None and component != "tangent":
-        launch, combine = model.launch, combine_kernel(model.device_mesh.real, 1)
-        launch.load(combine)
 
         def subtract(x: wp.array, out: wp.array) -> None:
-            launch(combine, out.size, x, steady_base, -1.0, out)
+            model.launch.combine(x, steady_base, -1.0, out=out)
 
         source = model.room("difference")
         operations.append(Operation(subtract, target=source))
     operations += term_operations(model, terms, point, given, stage, source)
     factor = 1.0 if stage is None else stage.tau
     if model.held is not None and component in ("all", "dissipative"):
-        run, add, held = model.launch, combine_kernel(model.device_mesh.real, 1), model.held
-        run.load(add)
-        operations.append(
-            Operation(lambda x, out: run(add, held.size, out, held, factor, out), source)
-        )
+        held = model.held
+
+        def add_held(x: wp.array, out: wp.array) -> None:
+            model.launch.combine(wind := out[: held.size], held, factor, out=wind)
+
+        operations.append(Operation(add_held, source))
     if "edge-penalty" in _flags(model.scene, component):
         penalty = model.edge_penalty
         operations.append(Operation(lambda x, out: penalty(x, factor, out, out), source))

@@ -12,7 +12,7 @@ from swe_sphere.equations.effects import Tracers
 from swe_sphere.equations.right_hand_side import Operation, element_terms, term_operations
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels import Terms, combine_kernel, specialise
+from swe_sphere.kernels import Terms, specialise
 from swe_sphere.kernels.tracers import mass_flux, raised, raised_tangent
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.tracers import Limiter, MixingRatio, TracerTransport
@@ -104,7 +104,6 @@ class _Diffusion:
     def __init__(self, tracers: TracerEquations, model: DiscreteScene, terms: Terms) -> None:
         mesh, count = model.device_mesh, tracers.count
         self._model, self._launch = model, model.launch
-        self._add = combine_kernel(mesh.real, 1)
         self._kernel, self._tangent_kernel = (
             specialise(kernel, mesh.real) for kernel in (raised, raised_tangent)
         )
@@ -140,7 +139,7 @@ class _Diffusion:
 
     def _add_rates(self, rate: wp.array, out: wp.array) -> None:
         masses = out[self._first : self._first + rate.size]
-        self._launch(self._add, rate.size, masses, rate, 1.0, masses)
+        self._launch.combine(masses, rate, 1.0, out=masses)
 
 
 class MassFlux:

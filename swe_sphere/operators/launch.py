@@ -19,6 +19,7 @@ from swe_sphere.compiling import compiling
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.define import Register, specialise
 from swe_sphere.kernels.simd.shared_lines import block_threads
+from swe_sphere.kernels.vectors import combine_kernel
 from swe_sphere.ranks.communicator import Communicator
 
 REMEMBERED = 512
@@ -85,6 +86,7 @@ class Launcher:
         self._block_dim = 1 if wp.get_device(device).is_cpu else block_threads(nodes)
         # with the arguments, so that no new array or structure reuses a stored address
         self._commands: dict[tuple[object, ...], tuple[Any, tuple[Any, ...]]] = {}
+        self._combinations: dict[tuple[Any, int], wp.Kernel] = {}
 
     def load(self, *kernels: Any) -> None:
         """Compile the kernels for the device, or load them from Warp's cache."""
@@ -144,6 +146,14 @@ class Launcher:
             known[0].launch()
         else:
             self.defer(known, cuts)
+
+    def combine(self, x: wp.array, *terms: Any, out: wp.array) -> None:
+        """Set out = x + the sum of 1 to 4 vectors, each followed by its factor; out may be x."""
+        kind = out.dtype, len(terms) // 2
+        if kind not in self._combinations:
+            self._combinations[kind] = combine_kernel(*kind)
+            self.load(self._combinations[kind])
+        self(self._combinations[kind], out.size, x, *terms, out)
 
     def forget(self) -> None:
         """Drop all recorded commands, and the arrays that only these commands reference."""

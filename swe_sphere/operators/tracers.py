@@ -7,7 +7,6 @@ import numpy as np
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.assembly import assemble_blocks
 from swe_sphere.kernels.dynamics import transport
 from swe_sphere.kernels.limiter import fill_rooms, limit_elements, limit_sphere, sum_rooms
@@ -204,8 +203,7 @@ class MassSteps:
             self._air_transport = TracerTransport(mesh, launch, 1)
             self._ones = mesh.upload(np.ones(mesh.size))
             self._old, self._rate = (wp.zeros_like(self._ones) for _ in "or")
-            self._depth, self._add = slice(depth, depth + mesh.size), combine_kernel(mesh.real, 1)
-            launch.load(self._add)
+            self._depth = slice(depth, depth + mesh.size)
 
     def __call__(
         self, flow: wp.array, state: wp.array, tau: float, parts: int, fractions: Sequence[float]
@@ -230,7 +228,7 @@ class MassSteps:
         if self._ratio is None:
             return state, self._first
         depth = state[self._depth]
-        self._launch(self._add, depth.size, self._old, self._rate, t, depth)
+        self._launch.combine(self._old, self._rate, t, out=depth)
         self._ratio.set(state)
         return self._ratio.values, 0
 

@@ -18,7 +18,7 @@ from swe_sphere.equations.right_hand_side import Operator
 from swe_sphere.equations.spectrum import Spectrum, spectral_radius
 from swe_sphere.equations.tracer_equations import MassFlux, TracerEquations
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels import Terms, combine_kernel
+from swe_sphere.kernels import Terms
 from swe_sphere.kernels.tracers import mass_flux
 from swe_sphere.operators import TendencyOperator
 from swe_sphere.operators.replay import recorded
@@ -162,8 +162,6 @@ class FluxWaves:
     def __init__(self, model: Model, flux: MassFlux, rest: wp.array) -> None:
         """Store `rest`, wind and depth without motion, with the reference depth H [m]."""
         self._launch, self._flux, self._rest = model.launch, flux, rest
-        self._add = combine_kernel(model.device_mesh.real, 1)
-        self._launch.load(self._add)
 
     def linearise(self, state: wp.array) -> None:
         """Do nothing, because nothing depends on the state."""
@@ -176,7 +174,7 @@ class FluxWaves:
         """Set x_G = r_G + tau L_G x."""
         self.apply(x, x)
         old, crossed = (each[self._flux.first :] for each in (r, x))
-        self._launch(self._add, crossed.size, old, crossed, tau, crossed)
+        self._launch.combine(old, crossed, tau, out=crossed)
 
 
 class GravityWaves:

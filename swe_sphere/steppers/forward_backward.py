@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.right_hand_side import element_terms, pointwise_terms
 from swe_sphere.equations.tracer_equations import MassFlux
-from swe_sphere.kernels import Terms, combine_kernel, specialise
+from swe_sphere.kernels import Terms, specialise
 from swe_sphere.kernels.dynamics import transport
 from swe_sphere.kernels.forward_backward import (
     carrying_kernel,
@@ -50,8 +50,7 @@ class Passes:
         self._moves, self._first = not terms.wind, terms.unknowns - 1
         self._flux = model.carried if isinstance(model.carried, MassFlux) else None
         self._masses = 1 if self._flux else len(model.names) - self._first
-        self._crossing, self._add = model.zeros(), combine_kernel(self._real, 1)
-        self.carried, self.pushed, self._loss = (model.zeros() for _ in range(3))
+        self.carried, self.pushed, self._loss, self._crossing = (model.zeros() for _ in range(4))
         self._base: wp.array | None = model.parameters.get("base")
         self._combine = specialise(combine_levels_kernel(point.tangent), self._real)
         self._steps: dict[Any, Any] = {}
@@ -89,7 +88,7 @@ class Passes:
             types = mesh.types(terms=replace(terms, momentum=True), **stepped)
             self._force = pushing_kernel(types, damped) if direct else tendency_kernels(types)[0]
             self._force_geometry = mesh.geometry(types.geometry, parameters)
-        wanted = [self._transport, self._force, self._combine, self._add]
+        wanted = [self._transport, self._force, self._combine]
         model.launch.load(*(kernel for kernel in wanted if kernel is not None))
 
     def weights(self, *numbers: float) -> Any:
@@ -116,7 +115,7 @@ class Passes:
         if self._flux is not None:  # before the elements change `carried`
             self._flux.carry(self.pushed, self.carried, self._crossing)
             of_now, rate, of_out = (x[self._flux.first :] for x in (levels[0], self._crossing, out))
-            model.launch(self._add, of_now.size, of_now, rate, tau, of_out)
+            model.launch.combine(of_now, rate, tau, out=of_out)
         if self._transport is not None:
             wind = model.parameters.get("wind", self.pushed) if self._base is None else self._base
             local = self._local_depth
@@ -175,7 +174,7 @@ class Passes:
     def follow(self, change: wp.array, winds: Any) -> None:
         """Update `carried` and `pushed` for a changed wind (2N,) of the present level."""
         for out in (self.carried, self.pushed):
-            self._model.launch(self._add, change.size, out, change, winds[0], out)
+            self._model.launch.combine(wind := out[: change.size], change, winds[0], out=wind)
 
     @property
     def _shift(self) -> wp.array:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.vectors import AT_ONCE
 from swe_sphere.solvers.gravity_waves import explicit_spectrum, reference_depth
 from swe_sphere.solvers.vector_space import VectorSpace
@@ -98,15 +97,12 @@ class Combiner:
         self._parts = [
             list(itertools.chain(*terms[i : i + AT_ONCE])) for i in range(0, len(terms), AT_ONCE)
         ]
-        real = model.device_mesh.real
-        self._kernels = [combine_kernel(real, len(part) // 2) for part in self._parts]
-        model.launch.load(*self._kernels)
 
     def __call__(self, x: wp.array, out: wp.array) -> None:
         if not self._parts:
             wp.copy(out, x)
-        for kernel, part in zip(self._kernels, self._parts, strict=True):
-            self._model.launch(kernel, self._model.size, x, *part, out)
+        for part in self._parts:
+            self._model.launch.combine(x, *part, out=out)
             x = out
 
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from swe_sphere.equations.effects import MASSES
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError, SolverFailed
-from swe_sphere.kernels import combine_kernel
 from swe_sphere.ranks.limits import check_stop
 from swe_sphere.solvers.krylov import FlexibleGMRES
 from swe_sphere.solvers.newton import NewtonKrylov
@@ -44,14 +43,12 @@ class StageProblem:
         self._model, self.space = model, space
         self.precondition: Preconditioner | None = make_preconditioner(preconditioner, model)
         self._slope, self._operator = model.zeros(), model.jacobian()
-        self._add = combine_kernel(model.device_mesh.real, 2)
-        model.launch.load(self._add)
 
     def residual(self, x: wp.array, out: wp.array) -> None:
         """Set out = x - tau F(x) - rhs."""
         self._evaluate(x)
         factor = -self.slopes * self.tau
-        self._model.launch(self._add, x.size, x, self._slope, factor, self.rhs, -1.0, out)
+        self._model.launch.combine(x, self._slope, factor, self.rhs, -1.0, out=out)
 
     def _evaluate(self, x: wp.array) -> None:
         self._model.tendency(x, self.time, self._slope)

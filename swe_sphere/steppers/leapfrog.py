@@ -7,7 +7,6 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
-from swe_sphere.kernels import combine_kernel, specialise
 from swe_sphere.kernels.vectors import leapfrog
 from swe_sphere.steppers.imex_runge_kutta import ARK2, ImexStepper
 from swe_sphere.steppers.runge_kutta import RK4
@@ -46,9 +45,7 @@ class Leapfrog(Stepper):
         self._filter = 0.5 * strength, self.default_share if share is None else share
         self.previous, self._slope, self._part = (model.zeros() for _ in range(3))
         self._starter = self._make_starter(model)
-        real = model.device_mesh.real
-        self._kernel, self._add = specialise(leapfrog, real), combine_kernel(real, 1)
-        model.launch.load(self._kernel, self._add)
+        (self._kernel,) = model.launch.compile(model.device_mesh.real, leapfrog)
 
     def _make_starter(self, model: Model) -> Stepper:
         """Build the stepper that takes the first step."""
@@ -67,7 +64,7 @@ class Leapfrog(Stepper):
         self._add_waves()
         if model.dissipative:
             model.dissipative_tendency(self.previous, self._part)
-            model.launch(self._add, size, slope, self._part, 1.0, slope)
+            model.launch.combine(slope, self._part, 1.0, out=slope)
         if self.diffusion is not None:
             self.diffusion.join(self.previous, slope)
         change, tau = self._solve()

@@ -14,7 +14,6 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.assembly import drift, kick
 from swe_sphere.kernels.dynamics import gradient, transport
 from swe_sphere.kernels.local import field_kernel
-from swe_sphere.kernels.vectors import combine_kernel
 from swe_sphere.solvers.gravity_waves import INERTIAL
 from swe_sphere.steppers.flow_limit import FlowLimited, strongest_advection, wind_share
 from swe_sphere.steppers.imex_runge_kutta import Combiner
@@ -79,8 +78,6 @@ class InfinitesimalStep(FlowLimited):
             [Combiner(model, stack, row) for row in np.hstack(parts)]
             for parts in ((alpha[:, :2] - mean, none), (rates, weights), (mean, none))
         )
-        self._add = combine_kernel(model.device_mesh.real, 1)
-        model.launch.load(self._add)
         model.counters["fast_steps"] = 0
 
     def advance(self) -> None:
@@ -92,13 +89,13 @@ class InfinitesimalStep(FlowLimited):
             self._move(self._durations[i], self._steps[i])
             self._means[i](self._moved, change)
             stage = self._stage if i + 1 < STAGES else x
-            model.launch(self._add, model.size, x, change, 1.0, stage)
+            model.launch.combine(x, change, 1.0, out=stage)
 
     def _move(self, duration: float, steps: int) -> None:
         """Integrate the waves and the rate over a duration [s]."""
         if self._fast is None:
             moved, rate = self._moved, self._rate
-            self.model.launch(self._add, self.model.size, moved, rate, duration, moved)
+            self.model.launch.combine(moved, rate, duration, out=moved)
             return
         rest = self.model.point_of_tangent(self.state)
         self._fast.move(rest, self._rate, duration, steps, self.state)
@@ -180,11 +177,9 @@ class FastWaves:
         self._divergence = mesh.scratch(1, types.value)
         self._gradient = mesh.scratch(2, types.value)
         self._drift_kernel, self._kick_kernel = model.launch.compile(mesh.real, drift, kick)
-        self._add = combine_kernel(mesh.real, 2)
         model.launch.load(*kernels)
         self._path, self._crossed, self._behind = self.state, self.state, slice(0, 0)
         if model.carried is not None:
-            model.launch.load(self._add)
             self._path = wp.zeros(2 * n, dtype=mesh.real, device=model.device)
             self._crossed, self._behind = model.zeros(), slice(3 * n, model.size)
 
@@ -205,9 +200,8 @@ class FastWaves:
             behind, crossed = self._behind, self._crossed
             self._model.carried.carry(self._path, carrier, crossed)
             moved = self.state[behind]
-            self._model.launch(
-                self._add, moved.size, moved, rate[behind], duration, crossed[behind], 1.0, moved
-            )
+            terms = rate[behind], duration, crossed[behind], 1.0
+            self._model.launch.combine(moved, *terms, out=moved)
 
     def _drift(self, rest: wp.array, rate: wp.array, tau: float, kept: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state

@@ -15,7 +15,6 @@ import warp as wp
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.simd.stages import diffusive_stage
 from swe_sphere.operators.launch import Span, in_runs
 from swe_sphere.operators.replay import Replay
@@ -140,8 +139,6 @@ class SplitPenalty:
         self._parts = penalty_parts(self.every * dt * radius / whole, dt)
         self._tau = self.every * dt / self._parts
         self._middle, self._change = model.zeros(), model.zeros(2 * model.device_mesh.size)
-        self._add = combine_kernel(model.device_mesh.real, 1)
-        model.launch.load(self._add)
         self._replay = Replay(model.launch)
 
     def is_due(self, steps: int) -> bool:
@@ -154,16 +151,16 @@ class SplitPenalty:
 
     def _act(self, x: wp.array, follow: Callable[[wp.array], None] | None) -> None:
         penalise, tau, point = self._model.penalise, self._tau, x
-        launch, add, change = self._model.launch, self._add, self._change
+        combine, change = self._model.launch.combine, self._change
         if follow is not None:
-            launch(add, change.size, x, x, 0.0, change)
+            combine(x, x, 0.0, out=change)
         for _ in range(self._parts):
             if self._second_order:
                 point = self._middle
                 penalise(x, 0.5 * tau, point, x)
             penalise(point, tau, x, x)
         if follow is not None:
-            launch(add, change.size, x, change, -1.0, change)
+            combine(x, change, -1.0, out=change)
             follow(change)
 
 
@@ -188,16 +185,15 @@ class HeldPenalty:
         self.rate = model.zeros(2 * model.device_mesh.size)
         self._model = model
         self._point, self._middle, self._end = (model.zeros() for _ in range(3))
-        self._add = combine_kernel(model.device_mesh.real, 1)
 
     def find(self, state: wp.array, slope: wp.array, ahead: float, dt: float) -> None:
         """Find the rate for a step of dt [s], at the state extrapolated over `ahead` [s].
 
         Long steps, which would overshoot, use the mean rate of a step of the penalty.
         """
-        launch, add, rate, end = self._model.launch, self._add, self.rate, self._end
+        combine, rate, end = self._model.launch.combine, self.rate, self._end
         penalise, reach = self._model.penalise, dt * self._model.penalty_radius
-        launch(add, end.size, state, slope, ahead, self._point)
+        combine(state, slope, ahead, out=self._point)
         rate.zero_()
         if reach <= HELD:
             penalise(self._point, 1.0, rate, rate)
@@ -207,5 +203,5 @@ class HeldPenalty:
         for _ in range(parts):
             penalise(end, 0.5 * dt / parts, self._middle, end)
             penalise(self._middle, dt / parts, end, end)
-        launch(add, rate.size, rate, end, 1.0 / dt, rate)
-        launch(add, rate.size, rate, self._point, -1.0 / dt, rate)
+        combine(rate, end, 1.0 / dt, out=rate)
+        combine(rate, self._point, -1.0 / dt, out=rate)

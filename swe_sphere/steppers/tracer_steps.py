@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import spectral_radius
 from swe_sphere.errors import ConfigError, Unstable
-from swe_sphere.kernels import combine_kernel
 from swe_sphere.operators.tracers import Crossings, MassSteps, TracerTransport
 from swe_sphere.ranks.limits import check_stop
 from swe_sphere.solvers.vector_space import VectorSpace
@@ -165,7 +164,6 @@ class CarriedTracers(TracerSteps):
         layout = model.size, first, tracers.count, first - n
         self._steps = MassSteps(model.device_mesh, model.launch, *layout)
         self._nothing, self._flux = model.zeros(2 * n), model.zeros(2 * n)
-        self._add = combine_kernel(model.device_mesh.real, 1)
         self._has_residual = model.diffusive or scheme.family == "imex"
         if self._has_residual:
             area = model.mesh.area
@@ -181,16 +179,16 @@ class CarriedTracers(TracerSteps):
         self.scheme.start(flow, t)
 
     def _move(self) -> None:
-        launch, scheme, size = self.model.launch, self.scheme, self._flux.size
+        combine, scheme = self.model.launch.combine, self.scheme
         now = scheme.state[self._crossed]
         for name in (scheme.levels or ("state",))[::-1]:  # the present one becomes zero last
             past = getattr(scheme, name)[self._crossed]
-            launch(self._add, size, past, now, -1.0, past)
+            combine(past, now, -1.0, out=past)
         for _ in range(self.together):
             check_stop()
             scheme.step()
         crossed = scheme.state[self._crossed]
-        launch(self._add, size, self._nothing, crossed, 1.0 / self._length, self._flux)
+        combine(self._nothing, crossed, 1.0 / self._length, out=self._flux)
         self._carry(self._steps, self._flux, self.state[self._depth], self._length)
 
     def _finish(self) -> None:
