@@ -85,7 +85,7 @@ def price() -> Section:
                 continue
             made = make_preconditioner(name, model)
             made.setup(state, 3600.0)
-            out, jacobian = model.zeros(), model.linearise(state, 0.0)
+            out, jacobian = model.zeros(), model.jacobian().update(state, 0.0)
             rhs, tangent, apply = interleaved(
                 lambda m=model, s=state, o=out: m.tendency(s, 0.0, o),
                 lambda j=jacobian, s=state, o=out: j(s, o),
@@ -165,7 +165,7 @@ def _newton_system(
     if made is not None:
         made.setup(state if made_at is None else made_at, tau)
 
-    jacobian = model.linearise(state, 0.0)
+    jacobian = model.jacobian().update(state, 0.0)
 
     def operator(d: wp.array, out: wp.array) -> None:
         jacobian(d, out)

@@ -24,8 +24,7 @@ from typing import Annotated
 import typer
 import xarray
 from kill_runs import frames
-
-from swe_sphere.files.fingerprints import machine
+from sections import machine
 
 STEPPERS = {"rk4": 900, "semi-implicit": 1800}
 """In turns, with their steps [s]."""

@@ -62,7 +62,7 @@ def tilted_flow(alpha: float, speed: float = SPEED, depth: float = DEPTH) -> Sce
 def jacobian(mesh: Mesh, scene: Scene) -> scipy.sparse.csc_array:
     """Return the Jacobian [s-1] of the tendency at the initial flow of a scene."""
     model = Model(mesh, scene)
-    product = model.linearise(model.initial_state(), 0.0)
+    product = model.jacobian().update(model.initial_state(), 0.0)
     direction, out, size = model.zeros(), model.zeros(), model.size
     unit, columns = np.zeros(size), []
     for k in range(size):
@@ -150,7 +150,7 @@ def largest_rate(mesh: Mesh, scene: Scene) -> float:
     """
     model = Model(mesh, scene)
     state = model.initial_state()
-    product, spectrum = model.linearise(state, 0.0), model.spectrum(state)
+    product, spectrum = model.jacobian().update(state, 0.0), model.spectrum(state)
     steps = int(np.ceil(REACH * (spectrum.wave + spectrum.dissipation) / 1.5))
     dt, point, out = REACH / steps, model.zeros(), model.zeros()
     x, slope = point.numpy(), out.numpy()

@@ -7,6 +7,7 @@ title, its note, and a stamp: commit and fingerprint of the code, machine, date 
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +21,7 @@ import warp as wp
 from rich.console import Console
 from rich.table import Table
 
-from swe_sphere.files.fingerprints import code_fingerprint, machine
+from swe_sphere.files.fingerprints import code_fingerprint, processor, versions
 
 ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "docs" / "results"
@@ -93,6 +94,12 @@ def store(name: str, sections: Sections) -> None:
     """Write `benchmarks/results/NAME.json`, each row of a table on a line."""
     text = json.dumps(sections, ensure_ascii=False).replace("], [", "],\n[")
     (DATA / f"{name}.json").write_text(text.replace('}, "', '},\n"') + "\n", encoding="utf-8")
+
+
+def machine() -> str:
+    """Return processor, cores, Python and Warp in a line."""
+    found = versions()
+    return f"{processor()}, {os.cpu_count()} cores; Python {found['python']}, Warp {found['warp']}"
 
 
 def stamp(seconds: float = 0.0) -> dict[str, Any]:

@@ -12,7 +12,7 @@ Phil. Trans. R. Soc. A 262, 511-607, doi:10.1098/rsta.1968.0003, in other variab
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -35,8 +35,12 @@ As in Arbic et al. (2004), for a rigid Earth.
 """
 
 
-def _effects(linear: bool, *more: Effect) -> tuple[Effect, ...]:
-    return (*DYNAMICS, Rotation(), *more, *((Linearised(),) if linear else ()))
+def _about_rest(depth: float, linear: bool, *more: Effect) -> dict[str, Any]:
+    """Return the effects of a scene and, if it is linearised about rest, its base."""
+    effects = (*DYNAMICS, Rotation(), *more)
+    if not linear:
+        return {"effects": effects}
+    return {"effects": (*effects, Linearised()), "base": at_rest(depth)}
 
 
 def tide(
@@ -84,10 +88,9 @@ def tide(
     return build_scene(
         "tide",
         title=f"{constituent.upper()} tide in an ocean of {depth:g} m",
-        effects=_effects(linear, Forcing()),
         exact=response.state,
         forcing=forcing,
-        base=at_rest(depth) if linear else None,
+        **_about_rest(depth, linear, Forcing()),
     )
 
 
@@ -216,10 +219,9 @@ def slow_ocean(m: int = 4, n: int = 10, speed: float = 0.1, linear: bool = False
     return build_scene(
         "slow-ocean",
         title=f"planetary wave in a deep ocean (m = {m}, n = {n})",
-        effects=_effects(linear),
         initial=lambda lon, lat: wave.state(lon, lat, 0.0),
         exact=wave.state if linear else None,
-        base=at_rest(wave.depth) if linear else None,
+        **_about_rest(wave.depth, linear),
     )
 
 
@@ -266,11 +268,10 @@ def hough(
     return build_scene(
         "hough",
         title=f"normal mode of the sphere ({TITLES[wave]} wave, k = {k}, n = {n})",
-        effects=_effects(linear),
         initial=lambda lon, lat: mode.state(lon, lat, 0.0),
         exact=mode.state if linear else None,
-        base=at_rest(depth) if linear else None,
         days=round(2.0 * np.pi / abs(mode.frequency) / DAY, 3),
+        **_about_rest(depth, linear),
     )
 
 
@@ -335,11 +336,10 @@ def matsuno(
     return build_scene(
         "matsuno",
         title=f"equatorial wave ({TITLES[wave]}, k = {k}, n = {n})",
-        effects=_effects(linear),
         exact=mode.state,
-        base=at_rest(DEPTH) if linear else None,
         planet=PLANET,
         days=round(2.0 * np.pi / abs(mode.frequency) / DAY, 2),
+        **_about_rest(DEPTH, linear),
     )
 
 

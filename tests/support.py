@@ -147,7 +147,7 @@ def tendency(model: Model, state: np.ndarray, t: float = 0.0) -> np.ndarray:
 def tangent(model: Model, state: np.ndarray, direction: np.ndarray, t: float = 0.0) -> np.ndarray:
     """The model's Jacobian at a state times a direction, as float64."""
     out = model.zeros()
-    jacobian = model.linearise(model.device_mesh.upload(state), t)
+    jacobian = model.jacobian().update(model.device_mesh.upload(state), t)
     jacobian(model.device_mesh.upload(direction), out)
     return out.numpy().astype(np.float64)
 

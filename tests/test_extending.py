@@ -407,7 +407,7 @@ def rates(gravity, *more):
     there = model.device_mesh.upload(np.cos(np.arange(model.size)))
     rate, change = model.zeros(), model.zeros()
     model.tendency(state, 0.0, rate)
-    model.linearise(state, 0.0)(there, change)
+    model.jacobian().update(state, 0.0)(there, change)
     return np.stack([rate.numpy(), change.numpy()])
 
 ours, theirs = rates(6.0, EFFECTS["more-gravity"](2.0)), rates(8.0)

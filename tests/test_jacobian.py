@@ -32,7 +32,7 @@ def products(precision: str) -> tuple[np.ndarray, np.ndarray]:
         state, out = model.initial_state(), model.zeros()
         direction = np.random.default_rng(1).standard_normal(model.size)
         direction[-MESH.size :] *= 100.0
-        model.linearise(state, 0.0)(model.device_mesh.upload(direction), out)
+        model.jacobian().update(state, 0.0)(model.device_mesh.upload(direction), out)
         found.append(out.numpy().astype(np.float64))
     return found[0], found[1]
 
@@ -64,7 +64,7 @@ def test_of_a_fluid_at_rest(precision: str, bound: float, wind: float, moved) ->
             model.state_from(*np.multiply.outer((wind, wind, 1e3), np.ones(n))),
             model.zeros(),
         )
-        model.linearise(state, 0.0)(model.device_mesh.upload(direction), out)
+        model.jacobian().update(state, 0.0)(model.device_mesh.upload(direction), out)
         found.append(out.numpy().astype(np.float64))
     scale = np.linalg.norm(found[0].reshape(3, -1) * [[1.0], [1.0], [0.1]])
     error = np.linalg.norm((found[1] - found[0]).reshape(3, -1) * [[1.0], [1.0], [0.1]])
@@ -81,7 +81,9 @@ def test_of_a_tracer_of_which_there_is_none() -> None:
         model = model_with(MESH, scene, kind="difference")
         direction, out = np.random.default_rng(1).standard_normal(4 * n), model.zeros()
         direction[3 * n :] *= noise
-        model.linearise(model.initial_state(), 0.0)(model.device_mesh.upload(direction), out)
+        model.jacobian().update(model.initial_state(), 0.0)(
+            model.device_mesh.upload(direction), out
+        )
         found.append(out.numpy())
     for other in found[1:]:
         assert relative(other[: 3 * n], found[0][: 3 * n], 3) < 1e-6
@@ -92,7 +94,7 @@ def test_of_a_tracer_of_which_there_is_none() -> None:
 def test_of_no_direction_is_zero() -> None:
     model = model_with(MESH, get_scene("williamson2"), kind="difference")
     out = model.initial_state()
-    model.linearise(model.initial_state(), 0.0)(model.zeros(), out)
+    model.jacobian().update(model.initial_state(), 0.0)(model.zeros(), out)
     assert not out.numpy().any()
 
 
@@ -138,7 +140,7 @@ def test_two_linearisations_are_used_in_turns(effects, shape: str, kind: str) ->
     expected = [tangent(alone, *at) for at in zip(states, 2 * [direction], times, strict=True)]
     model = model_with(MESH, scene, shape=shape, kind=kind)
     points, d, out = map(model.device_mesh.upload, states), model.device_mesh.upload(direction), []
-    both = [model.linearise(point, t) for point, t in zip(points, times, strict=True)]
+    both = [model.jacobian().update(point, t) for point, t in zip(points, times, strict=True)]
     for jacobian in (*both, *both):
         result = model.zeros()
         jacobian(d, result)
@@ -152,7 +154,7 @@ def test_an_update_moves_the_same_operator_and_products_are_counted() -> None:
     model = Model(MESH, get_scene("williamson5"))
     first, second = (random_state(model, seed) for seed in (1, 2))
     direction, out = random_state(model, seed=3), model.zeros()
-    jacobian = model.linearise(model.device_mesh.upload(first), 0.0)
+    jacobian = model.jacobian().update(model.device_mesh.upload(first), 0.0)
     assert jacobian.update(model.device_mesh.upload(second), 0.0) is jacobian
     jacobian(model.device_mesh.upload(direction), out)
     assert model.counters["tangent_evaluations"] == 1

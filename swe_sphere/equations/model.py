@@ -265,10 +265,6 @@ class Model(DiscreteScene):
         base = self.zeros() if needed else None
         return ExactJacobian(self.right_hand_side("tangent", base=base), base)
 
-    def linearise(self, state: wp.array, t: float) -> Jacobian:
-        """Return the derivative of the right-hand side at a state and time t [s]."""
-        return self.jacobian().update(state, t)
-
     def spectrum(self, state: wp.array, t: float = 0.0) -> Spectrum:
         """Return the extent [s-1] of the Jacobian's spectrum, which limits explicit steps."""
         waves = self.right_hand_side("conservative", fluid_only=True, counted=False)

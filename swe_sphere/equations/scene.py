@@ -177,12 +177,6 @@ class Scene:
             changes["exact"] = None
         return replace(self, **changes)
 
-    def check_answers(self, lon: Array, lat: Array) -> None:
-        """Raise ConfigError now, not at the first error norms, if the exact solution fails."""
-        for known in (self.exact, self.exact_tracers):
-            if known is not None:
-                known(lon, lat, 0.0)
-
     def without_effect(self, name: str) -> Self:
         """Return the scene without the effect of that name and the function that it needs.
 

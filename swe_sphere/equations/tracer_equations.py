@@ -117,10 +117,7 @@ class _Diffusion:
 
     def operations(self, base: wp.array | None) -> list[Operation]:
         """Return the operations that add the diffusion at a state, or its derivative at `base`."""
-        operation = self._raise
-        if base is not None and self._bottom is not None:
-            operation = partial(self._raise_tangent, base)
-        operations = [Operation(operation, target=self._raised)]
+        operations = [Operation(partial(self._raise, base), target=self._raised)]
         of_field = term_operations(self._model, self._of_field)
         for k in range(0, self._raised.size, self._size):
             field, rate = (room[k : k + self._size] for room in (self._raised, self._rate))
@@ -128,14 +125,14 @@ class _Diffusion:
                 operations.append(Operation(operator, field, rate if target is None else target))
         return [*operations, Operation(self._add_rates, source=self._rate)]
 
-    def _raise(self, x: wp.array, out: wp.array) -> None:
+    def _raise(self, base: wp.array | None, x: wp.array, out: wp.array) -> None:
+        known = self._bottom, *self._offsets
         if self._bottom is None:
             wp.copy(out, x, src_offset=self._first, count=out.size)
+        elif base is None:
+            self._launch(self._kernel, self._dim, x, *known, out)
         else:
-            self._launch(self._kernel, self._dim, x, self._bottom, *self._offsets, out)
-
-    def _raise_tangent(self, base: wp.array, x: wp.array, out: wp.array) -> None:
-        self._launch(self._tangent_kernel, self._dim, base, self._bottom, *self._offsets, x, out)
+            self._launch(self._tangent_kernel, self._dim, base, *known, x, out)
 
     def _add_rates(self, rate: wp.array, out: wp.array) -> None:
         masses = out[self._first : self._first + rate.size]

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import platform
 import re
 from functools import cache
@@ -115,9 +114,3 @@ def versions() -> dict[str, str]:
         "numpy": np.__version__,
         "swe_sphere": __version__,
     }
-
-
-def machine() -> str:
-    """Return processor, cores, Python and Warp in a line."""
-    found = versions()
-    return f"{processor()}, {os.cpu_count()} cores; Python {found['python']}, Warp {found['warp']}"

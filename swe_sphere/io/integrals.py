@@ -207,8 +207,5 @@ def tracer_errors(
     mesh: Mesh, fields: Mapping[str, Array], exact: Mapping[str, Array]
 ) -> dict[str, float]:
     """Return l1_q_NAME, l2_q_NAME and linf_q_NAME of each tracer; NaN where `exact` is."""
-    return {
-        f"{norm}_q_{name}": value
-        for name, q in exact.items()
-        for norm, value in norms(mesh.area, fields[f"q_{name}"], q).items()
-    }
+    names = {name: f"q_{name}" for name in exact}
+    return by_name({q: norms(mesh.area, fields[q], exact[name]) for name, q in names.items()})

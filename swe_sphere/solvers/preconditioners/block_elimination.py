@@ -65,7 +65,6 @@ class BlockElimination(KeptSetup):
         self._replay = Replay(self.operator.launch)
 
     def apply(self, r: wp.array, out: wp.array) -> None:
-        """Set out to about (I - tau J)^-1 r, both (3N,)."""
         if not self.launches:
             self._eliminate(r, out)
         elif not self._replay.launch(key := (r.ptr, out.ptr)):

@@ -126,7 +126,6 @@ class KeptSetup(Preconditioner):
         return {"setup_tau": np.array(self._tau), "setup_flow": self._flow.copy()}
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Repeat that set-up; without one, drop the present one."""
         self._tau = float(state.get("setup_tau", np.zeros(())))
         if self._tau > 0.0:
             self._make(self._tau, np.array(state["setup_flow"]))

@@ -193,11 +193,9 @@ class Series(Observer):
     """The samples."""
 
     def due(self, step: int) -> bool:
-        """Return whether the step is sampled."""
         return step % self.plan.interval(SAMPLES) == 0
 
     def observe(self, snapshot: Snapshot) -> None:
-        """Take a sample."""
         off = {x: SYMMETRIES[x](snapshot.model.mesh, snapshot.fields) for x in self.symmetries}
         self.rows.append({"day": snapshot.time / DAY} | snapshot.diagnostics | off)
 

@@ -100,11 +100,9 @@ class Snapshots(Observer):
         self.kept: History = {}
 
     def due(self, step: int) -> bool:
-        """Return whether errors are taken after that step."""
         return step in self._days
 
     def observe(self, snapshot: Snapshot) -> None:
-        """Keep the fields."""
         if snapshot.steps in self._days:
             fields = snapshot.all_fields
             self.kept[self._days[snapshot.steps]] = {name: fields[name] for name in KEPT}
