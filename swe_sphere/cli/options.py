@@ -1,7 +1,6 @@
 """The flags of a command from the fields of its configuration: names, types and help texts."""
 
 import inspect
-import tomllib
 from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
@@ -9,11 +8,11 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 import typer
 from pydantic import BaseModel
 
-from swe_sphere.settings.values import flag_of
+from swe_sphere.settings.values import flag_of, read_toml
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-METAVARS = tomllib.loads(Path(__file__).with_name("placeholders.toml").read_text("utf-8"))
+METAVARS = read_toml(Path(__file__).with_name("placeholders.toml"))
 """Placeholders of the values of flags in the help, if the type is not enough."""
 
 

@@ -8,7 +8,6 @@ For tools that support only cell values, the bounds of the coordinates define on
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,13 +19,12 @@ from numpy.typing import ArrayLike
 from swe_sphere import __version__
 from swe_sphere.arrays import Array
 from swe_sphere.mesh import Mesh
+from swe_sphere.settings.values import read_toml
 
 if TYPE_CHECKING:
     import xarray as xr
 
-VARIABLES: dict[str, Any] = tomllib.loads(
-    Path(__file__).with_name("variables.toml").read_text("utf-8")
-)
+VARIABLES = read_toml(Path(__file__).with_name("variables.toml"))
 """Attributes of variables: frames, constants, coordinates, topology, series."""
 
 TRACER = "q_"

@@ -8,7 +8,6 @@ import math
 import os
 import sys
 import tempfile
-import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -30,7 +29,7 @@ from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.planet import DAY
 from swe_sphere.ranks.communicator import world
 from swe_sphere.ranks.limits import available_memory
-from swe_sphere.settings.values import SCENE, STEPPER, convert, read_settings
+from swe_sphere.settings.values import SCENE, STEPPER, convert, read_settings, read_toml
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.restart import OF_ONE_RUN
 from swe_sphere.testcases import get_scene
@@ -217,7 +216,7 @@ def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:
     return options
 
 
-MEMORY = tomllib.loads(Path(__file__).with_name("memory.toml").read_text("utf-8"))
+MEMORY = read_toml(Path(__file__).with_name("memory.toml"))
 """Peak memory of runs, as measured (docs/results/performance.md)."""
 
 

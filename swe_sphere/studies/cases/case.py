@@ -28,13 +28,6 @@ Limits = Mapping[str, float | Mapping[Literal["low", "high"], float]]
 
 NORMS: tuple[str, ...] = tuple(f"{norm}_{name}" for name in "hv" for norm in ("l1", "l2", "linf"))
 """Names of the six normalised errors."""
-ORDERS = {
-    "l2_h": "order",
-    "l2_v": "order_v",
-    "energy_drift": "order_energy",
-    "l2_q_gaussian_hills": "order_q",
-}
-"""Quantities that fall with refinement, and the names of their observed orders."""
 DEFAULTS: dict[str, dict[str, Any]] = {
     "verification": {"run": {"ne": 8, "np": 4, "days": 5.0}, "bounds": {"mass_drift": 1e-13}},
     "stability": {"method": "series", "seconds": 900.0},

@@ -6,10 +6,9 @@ import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import chain, groupby
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -17,13 +16,17 @@ from swe_sphere.files.fingerprints import code_fingerprint, versions
 from swe_sphere.settings.values import read_toml
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.summary import finite
-from swe_sphere.studies.cases.case import NORMS, ORDERS, Case, Check, families
+from swe_sphere.studies.cases.case import NORMS, Case, Check, families
 from swe_sphere.studies.cases.measure import TIMES, Measure, Tick, measure
 from swe_sphere.studies.jobs import in_processes
 from swe_sphere.studies.pages import rendered
 from swe_sphere.studies.record_store import STOPPED, Store
 
 OUTCOMES = ("passed", "refused", "broke", "failed")
+QUANTITIES = read_toml(Path(__file__).with_name("quantities.toml"))
+"""Labels and digits worth showing of quantities that need them, and names of observed orders."""
+ORDERS = {name: of["order"] for name, of in QUANTITIES.items() if "order" in of}
+"""Quantities that fall with refinement, and the names of their observed orders."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,14 +274,8 @@ def cells_of(row: Row) -> dict[str, str]:
     }  # fmt: skip
 
 
-@cache
-def _quantities() -> dict[str, dict[str, Any]]:
-    """Return labels, and digits worth showing, of quantities that need them."""
-    return read_toml(Path(__file__).with_name("quantities.toml"))
-
-
 def _label(name: str) -> str:
-    return str(_quantities().get(name, {}).get("label", COLUMNS.get(name, name)))
+    return str(QUANTITIES.get(name, {}).get("label", COLUMNS.get(name, name)))
 
 
 def _quantity(value: float | None, name: str) -> str:
@@ -286,7 +283,7 @@ def _quantity(value: float | None, name: str) -> str:
         return "none"
     if name.startswith("order"):
         return f"{value:.1f}"
-    digits = _quantities().get(name, {}).get("digits", 4)
+    digits = QUANTITIES.get(name, {}).get("digits", 4)
     if name in NORMS or (digits == 4 and value and not 1e-2 <= abs(value) < 1e5):
         return f"{value:.2e}"
     return f"{value:.{digits}g}"
