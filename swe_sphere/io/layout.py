@@ -24,7 +24,7 @@ from swe_sphere.settings.values import read_toml
 if TYPE_CHECKING:
     import xarray as xr
 
-VARIABLES = read_toml(Path(__file__).with_name("variables.toml"))
+VARIABLES: dict[str, Any] = read_toml(Path(__file__).with_name("variables.toml"))
 """Attributes of variables: frames, constants, coordinates, topology, series."""
 
 TRACER = "q_"
