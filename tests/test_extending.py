@@ -12,6 +12,7 @@ from textwrap import dedent
 
 import numpy as np
 import pytest
+import xarray as xr
 from support import random_state, relative, tangent, tendency
 
 from swe_sphere.analysis.accessor import open_run
@@ -326,6 +327,14 @@ def test_an_implicit_method_without_an_error_constant_is_refused():
 def test_the_callback_of_the_page_is_called():
     callback = next(block for block in BLOCKS if "callbacks=[follow]" in block)
     exec(callback, {})
+
+
+def test_callbacks_of_the_page_write_files_on_their_own_schedules(here):
+    pytest.importorskip("zarr")
+    block = next(block for block in BLOCKS if "append_dim" in block)
+    exec(block.replace("ne=4, np=6", "ne=2, np=4"), {})
+    grid = xr.open_zarr("grid.zarr", chunks=None)
+    assert grid.vorticity.dims == ("time", "lat", "lon") and grid.sizes["time"] == 2
 
 
 # --- the list of edits

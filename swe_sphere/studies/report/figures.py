@@ -8,7 +8,6 @@ import tomllib
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Iterator
 from io import StringIO
-from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,24 +15,19 @@ import numpy as np
 import pandas as pd
 from matplotlib import style
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies import words
-from swe_sphere.studies.report.ranking import FAILED, Metric
+from swe_sphere.studies.report.ranking import FAILED, Metric, with_cost
 
 INK, FAINT, PALE = "#1b1f24", "#6e7781", "#d0d7de"
 STYLE = Path(__file__).with_name("templates") / "figures.mplstyle"
 LOOKS = tomllib.loads(STYLE.with_name("looks.toml").read_text("utf-8"))
 """Colour, marker and fill of the steppers of the package, by family."""
-CUSTOM = [
-    {"marker": marker, "fillstyle": fill} for fill, marker in product(("full", "none"), "*PX")
-]
+CUSTOM = LOOKS.pop("custom")
 """Markers of custom steppers, which no stepper of the package has."""
-Look = tuple[str, dict[str, Any]]
-"""Family of a stepper, and colour, marker and fill of its lines."""
 SCREEN = 122.0
 """Width of a figure of a page [mm]: on a telephone a point of text is about a pixel."""
 WIDE = 110.0
@@ -51,7 +45,7 @@ LIMITS = (
 )
 
 
-def looks(steppers: Iterable[str]) -> dict[str, Look]:
+def looks(steppers: Iterable[str]) -> dict[str, tuple[str, dict[str, Any]]]:
     """Return family and look of steppers by name, in the order of legends.
 
     The hue stands for the family and the shade for the stepper; custom steppers share a shade of
@@ -62,7 +56,7 @@ def looks(steppers: Iterable[str]) -> dict[str, Look]:
         name: ("other" if name not in STEPPERS else STEPPERS[name].family, CUSTOM[n % len(CUSTOM)])
         for n, name in enumerate(sorted(names - known))
     }
-    found: dict[str, Look] = {}
+    found: dict[str, tuple[str, dict[str, Any]]] = {}
     for family, looks in LOOKS.items():
         found |= {name: (family, look) for name, look in looks.items() if name in names}
         found |= {name: (family, looks[""] | look)
@@ -86,19 +80,21 @@ class Picture(NamedTuple):
 
 
 def error_pictures(
-    runs: pd.DataFrame, metric: Metric, where: str, floor: float = math.nan
+    runs: pd.DataFrame, metric: Metric, where: str, floor: float = 0.0
 ) -> Iterator[Picture]:
     """Draw an error on one mesh against the cost and against the step, where runs are known.
 
     where: first part of the names of files.  floor: error of the reference.
     """
-    name, curves = f"{where}-{metric.name}", Curves("cost", metric, floor)
-    for clock in curves.shown(runs)["clock"].head(1):
+    name = f"{where}-{metric.name}"
+    for clock in with_cost(runs, metric)["clock"].head(1):
         caption = f"{metric.label}. Bars: how well the times are known."
-        svg = svg_text(figure_of(curves.draw, runs), name)
-        yield Picture(f"{name}_time.svg", f"Error against {clock}", caption, svg)
-    curves = Curves("dt", metric, floor)
-    yield from _by_step(runs, curves, f"{name}_step.svg", "Error against Δt", metric.label)
+        yield from Curves("cost", metric, floor).pictures(
+            runs, f"{name}_time.svg", f"Error against {clock}", caption
+        )
+    yield from Curves("dt", metric, floor).pictures(
+        runs, f"{name}_step.svg", "Error against Δt", f"{metric.label}. {LIMITS}"
+    )
 
 
 def other_pictures(runs: pd.DataFrame, where: str) -> Iterator[Picture]:
@@ -106,18 +102,10 @@ def other_pictures(runs: pd.DataFrame, where: str) -> Iterator[Picture]:
     krylov, drift = runs["krylov_a_step"], runs["energy_drift"].abs()
     title, label = "Krylov iterations a step", "|relative change of energy|"
     runs = runs.assign(**{title: krylov.where(krylov > 0.0), label: drift})
-    name, what = f"{where}-krylov_iterations.svg", "Explicit steppers have none"
-    yield from _by_step(runs, Curves("dt", title), name, title, what)
-    name, what = f"{where}-energy_drift.svg", "Size of the relative change over the run"
-    yield from _by_step(runs, Curves("dt", label), name, "Drift of energy", what)
-
-
-def _by_step(
-    runs: pd.DataFrame, curves: "Curves", name: str, title: str, what: str
-) -> Iterator[Picture]:
-    if len(curves.shown(runs)):
-        svg = svg_text(figure_of(curves.draw, runs), name)
-        yield Picture(name, title, f"{what}. {LIMITS}", svg)
+    name, what = f"{where}-krylov_iterations.svg", f"Explicit steppers have none. {LIMITS}"
+    yield from Curves("dt", title).pictures(runs, name, title, what)
+    name, what = f"{where}-energy_drift.svg", f"Size of the relative change over the run. {LIMITS}"
+    yield from Curves("dt", label).pictures(runs, name, "Drift of energy", what)
 
 
 def figure_of(
@@ -145,13 +133,20 @@ class Curves(NamedTuple):
     x: str
     """Column "dt" or "cost"."""
     y: str | Metric
-    floor: float = math.nan
+    floor: float = 0.0
     """Error of the reference: below, axes are grey."""
 
     def shown(self, runs: pd.DataFrame) -> pd.DataFrame:
         """Return the comparable runs that have both values."""
         known = runs[runs["compared"] & np.isfinite(runs[self.y])]
         return known[known[self.x].between(0.0, math.inf, inclusive="neither")]
+
+    def pictures(
+        self, runs: pd.DataFrame, name: str, title: str, caption: str
+    ) -> Iterator[Picture]:
+        """Yield a picture of the curves if there are any."""
+        if len(self.shown(runs)):
+            yield Picture(name, title, caption, svg_text(figure_of(self.draw, runs), name))
 
     def draw(self, axes: Axes, runs: pd.DataFrame, family: str = "") -> None:
         """Draw the curves of a family, those of others in grey; their names stand on the right."""
@@ -178,7 +173,8 @@ class Curves(NamedTuple):
         axes.legend(title=family, loc="upper left", bbox_to_anchor=(1.0, 1.02), fontsize="small",
                     handlelength=2.2, alignment="left")  # fmt: skip
         clock = f"{next(iter(shown['clock']), 'time')} of the steps [s]"
-        finish(axes, clock if x == "cost" else "Δt [s]", getattr(y, "axis", str(y)))
+        label = y if isinstance(y, str) else f"relative {y.kind_title}\n{y.symbol}"
+        finish(axes, clock if x == "cost" else "Δt [s]", label)
         if isinstance(y, Metric):
             _mark_slopes(axes, shown, x, y)
         if (low := axes.get_ylim()[0]) < floor < axes.get_ylim()[1]:
@@ -201,7 +197,7 @@ def draw_limits(axes: Axes, runs: pd.DataFrame, family: str = "") -> None:
     axes.set_ylim(len(known) - 0.5, -0.5)
     axes.set_yticks(range(len(known)), [name for name, *_ in known])
     axes.set(xscale="log", xlabel="Δt [s]; crosses: unstable, or the solver failed")
-    _tick(axes.xaxis)
+    axes.xaxis.set_major_formatter("{x:g}")
 
 
 def _mark_slopes(axes: Axes, runs: pd.DataFrame, x: str, y: Metric) -> None:
@@ -247,16 +243,12 @@ def finish(axes: Axes, x: str, y: str) -> None:
     low, high = axes.get_ylim()  # farther apart, so that noise does not fill the axes
     factor = math.sqrt(max(1.0, LEAST * low / high))
     axes.set_ylim(low / factor, high * factor)
-    _tick(axes.xaxis)
-    _tick(axes.yaxis)
-
-
-def _tick(axis: Axis) -> None:
-    low, high = sorted(axis.get_view_interval())
-    many = (1.0, 2.0, 5.0) if high < SHORT * low else (1.0, 3.0)
-    axis.set_major_locator(LogLocator(subs=many if high < LONG * low else (1.0,)))
-    axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter("{x:g}")
+    for axis in (axes.xaxis, axes.yaxis):
+        low, high = sorted(axis.get_view_interval())
+        many = (1.0, 2.0, 5.0) if high < SHORT * low else (1.0, 3.0)
+        axis.set_major_locator(LogLocator(subs=many if high < LONG * low else (1.0,)))
+        axis.set_minor_locator(NullLocator())
+        axis.set_major_formatter("{x:g}")
 
 
 def svg_text(figure: Figure, name: str) -> str:

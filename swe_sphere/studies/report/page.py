@@ -53,14 +53,8 @@ class Section:
     def figures(self) -> list[list[Picture]]:
         """Figures of the error of each ranking."""
         return [
-            [*error_pictures(self.runs, of.metric, self.name, self.floor(of.metric))]
-            for of in self.rankings
+            [*error_pictures(self.runs, of.metric, self.name, of.floor)] for of in self.rankings
         ]
-
-    def floor(self, metric: Metric) -> float:
-        """Return the error of the converged run that an error is taken against, NaN for others."""
-        own = float(self.dataset.attrs.get("converged_check", math.nan))
-        return own if (metric.kind, metric.field) == ("time", "h") else math.nan
 
     @cached_property
     def others(self) -> list[Picture]:

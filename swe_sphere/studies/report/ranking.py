@@ -72,11 +72,6 @@ class Metric:
         return KINDS.get(self.kind, self.kind)
 
     @property
-    def axis(self) -> str:
-        """Label of an axis in two lines: "relative total error" and "l2(h)"."""
-        return f"relative {self.kind_title}\n{self.symbol}"
-
-    @property
     def label(self) -> str:
         """Part of a caption, such as "l2(h), total error at day 15"."""
         return f"{self.symbol}, {self.kind_title} at day {self.day:g}"
@@ -226,6 +221,8 @@ class Ranking:
     smallest error; 0 where there is none."""
     note: str = ""
     """What to keep in mind."""
+    floor: float = 0.0
+    """Error of the converged run that the errors are taken against; 0 where it is not known."""
 
     def reached(self, target: int) -> pd.DataFrame:
         """Return the cheapest timed run of each curve for a target, by rising cost."""
@@ -306,5 +303,5 @@ def rankings(
         costs = table.apply(lambda numbers: numbers.map(runs["cost"])).fillna(math.inf)
         table = table.loc[costs.sort_values([*costs]).index]
         note = prose("unresolved", wanted[-1], own) if wanted and wanted[-1] < resolved else ""
-        made.append(Ranking(where, metric, wanted, runs, table, note))
+        made.append(Ranking(where, metric, wanted, runs, table, note, resolved))
     return made

@@ -49,14 +49,14 @@ class SweepFigures:
         from swe_sphere.studies.report import figures, page
 
         section = page.read_sections(self._data)[0]
-        draw, metrics = figures.draw_limits, {of.metric.kind: of.metric for of in section.rankings}
-        if x and not metrics:
+        draw, known = figures.draw_limits, {of.metric.kind: of for of in section.rankings}
+        if x and not known:
             raise ConfigError(section.headline)
-        if x and kind is not None and kind not in metrics:
-            raise unknown_name("kind of error", kind, metrics)
+        if kind is not None and kind not in known:
+            raise unknown_name("kind of error", kind, known)
         if x:
-            metric = metrics[kind or next(iter(metrics))]
-            draw = figures.Curves(x, metric, section.floor(metric)).draw
+            ranking = known[kind or next(iter(known))]
+            draw = figures.Curves(x, ranking.metric, ranking.floor).draw
         if ax is None:
             from matplotlib import pyplot
 
