@@ -19,7 +19,7 @@ from swe_sphere.compiling import compiling
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.define import Register, specialise
 from swe_sphere.kernels.simd.shared_lines import block_threads
-from swe_sphere.kernels.vectors import combine_kernel
+from swe_sphere.kernels.vectors import AT_ONCE, combine_kernel
 from swe_sphere.ranks.communicator import Communicator
 
 REMEMBERED = 512
@@ -148,12 +148,17 @@ class Launcher:
             self.defer(known, cuts)
 
     def combine(self, x: wp.array, *terms: Any, out: wp.array) -> None:
-        """Set out = x + the sum of 1 to 4 vectors, each followed by its factor; out may be x."""
-        kind = out.dtype, len(terms) // 2
-        if kind not in self._combinations:
-            self._combinations[kind] = combine_kernel(*kind)
-            self.load(self._combinations[kind])
-        self(self._combinations[kind], out.size, x, *terms, out)
+        """Set out = x + the sum of vectors, each followed by its factor; out may be x."""
+        if not terms:
+            wp.copy(out, x)
+        for first in range(0, len(terms), 2 * AT_ONCE):
+            part = terms[first : first + 2 * AT_ONCE]
+            kind = out.dtype, len(part) // 2
+            if kind not in self._combinations:
+                self._combinations[kind] = combine_kernel(*kind)
+                self.load(self._combinations[kind])
+            self(self._combinations[kind], out.size, x, *part, out)
+            x = out
 
     def forget(self) -> None:
         """Drop all recorded commands, and the arrays that only these commands reference."""

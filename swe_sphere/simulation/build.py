@@ -8,7 +8,7 @@ import math
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -347,8 +347,8 @@ class Initial:
         if known:
             changes["tracers"] = tracers | {k: partial(self._at, q) for k, q in known.items()}
         for name in ("wind", "forcing"):
-            if (prescribed := getattr(scene, name)) is not None:
-                changes[name] = partial(_later, prescribed.function, self._time)
+            if (field := getattr(scene, name)) is not None:
+                changes[name] = lambda lon, lat, t, of=field.function: of(lon, lat, t + self._time)
         return replace(scene, **changes)
 
     def _state(self, moves: bool, lon: Array, lat: Array) -> tuple[Any, Any, Array]:
@@ -364,7 +364,3 @@ class Initial:
         if not numpy.array_equal(points, self._points):
             self._points, self._sampler = points, self._run.sampler(lon, lat)
         return evaluate(self._sampler, self._fields, name)
-
-
-def _later(function: Callable[..., Any], by: float, lon: Array, lat: Array, time: float) -> Any:
-    return function(lon, lat, time + by)

@@ -1,9 +1,8 @@
 """Steppers that treat linear gravity waves implicitly and all other terms explicitly."""
 
-import itertools
 from abc import abstractmethod
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels.vectors import AT_ONCE
 from swe_sphere.solvers.gravity_waves import explicit_spectrum, reference_depth
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.flow_limit import strongest_advection
@@ -88,22 +86,9 @@ class ImexStepper(Stepper):
         """Return the largest amplification factors, given also implicit eigenvalues times dt."""
 
 
-class Combiner:
-    """Sets out = x + sum_s c[s] stack[s]; its coefficients are fixed so that it can be recorded."""
-
-    def __init__(self, model: Model, stack: wp.array, coefficients: NDArray[np.float64]) -> None:
-        self._model = model
-        terms = [(stack[s], float(c)) for s, c in enumerate(coefficients) if c != 0.0]
-        self._parts = [
-            list(itertools.chain(*terms[i : i + AT_ONCE])) for i in range(0, len(terms), AT_ONCE)
-        ]
-
-    def __call__(self, x: wp.array, out: wp.array) -> None:
-        if not self._parts:
-            wp.copy(out, x)
-        for part in self._parts:
-            self._model.launch.combine(x, *part, out=out)
-            x = out
+def scaled_rows(stack: wp.array, factors: NDArray[np.float64]) -> list[Any]:
+    """Return the rows of a stack, each followed by its factor, for `Launcher.combine`."""
+    return [each for row, c in enumerate(factors) if c != 0.0 for each in (stack[row], float(c))]
 
 
 class ImexRungeKutta(ImexStepper):
@@ -149,10 +134,10 @@ class ImexRungeKutta(ImexStepper):
         a_e, a_i = tableau(self.explicit, stages), tableau(self.implicit, stages)
         self._tau, self._offsets = dt * self.implicit[0][-1], dt * a_e.sum(axis=1)
         self._sums = [
-            Combiner(model, stack, dt * np.concatenate([e, np.tril(a_i, -1)[i] - e]))
+            scaled_rows(stack, dt * np.concatenate([e, np.tril(a_i, -1)[i] - e]))
             for i, e in enumerate(a_e)
         ]
-        self._last = Combiner(model, stack, dt * np.array(self.b))
+        self._last = scaled_rows(stack, dt * np.array(self.b))
 
     def begin(self, slope: wp.array) -> None:
         """Guess the linear part of the initial slope for all stages."""
@@ -162,13 +147,14 @@ class ImexRungeKutta(ImexStepper):
             wp.copy(self.slopes[i], self._linear[0][self._depth])
 
     def advance(self) -> None:
+        combine = self.model.launch.combine
         self.solver.aim(self.state, self.error_constant, self.order, self.dt)
         self.solver.waves.linearise(self.state)
         self.model.tendency(self.state, self.time, self._full[0])
         self.solver.waves.apply(self.state, self._linear[0])
         for i in range(1, len(self.b)):
             # the change Y_i - x, and L Y_i
-            self._sums[i](self._nothing, self._known)
+            combine(self._nothing, *self._sums[i], out=self._known)
             self.space.axpby(self._tau, self._linear[0], 1.0, self._known, self._rhs)
             wp.copy(self._guess, self._known[self._depth])
             self._depths.axpy(self._tau, self.slopes[i], self._guess)
@@ -179,7 +165,7 @@ class ImexRungeKutta(ImexStepper):
             wp.copy(self.slopes[i], slope[self._depth])
             self.space.axpby(1.0, self._change, 1.0, self.state, self._stage)
             self.model.tendency(self._stage, self.time + self._offsets[i], self._full[i])
-        self._last(self.state, self._stage)
+        combine(self.state, *self._last, out=self._stage)
         self.solver.accept(self.state, self._stage, self.dt)
         self.space.copy(self._stage, self.state)
 

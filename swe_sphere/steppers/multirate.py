@@ -16,7 +16,7 @@ from swe_sphere.kernels.dynamics import gradient, transport
 from swe_sphere.kernels.local import field_kernel
 from swe_sphere.solvers.gravity_waves import INERTIAL
 from swe_sphere.steppers.flow_limit import FlowLimited, strongest_advection, wind_share
-from swe_sphere.steppers.imex_runge_kutta import Combiner
+from swe_sphere.steppers.imex_runge_kutta import scaled_rows
 from swe_sphere.steppers.stability import Complex, Rows, tableau
 from swe_sphere.steppers.stepper import read_methods
 
@@ -75,21 +75,21 @@ class InfinitesimalStep(FlowLimited):
         mean, none = weights[:, 1:], np.zeros((STAGES, STAGES))
         rates = gamma[:, :2] / self._durations[:, None]
         self._starts, self._rates, self._means = (
-            [Combiner(model, stack, row) for row in np.hstack(parts)]
+            [scaled_rows(stack, row) for row in np.hstack(parts)]
             for parts in ((alpha[:, :2] - mean, none), (rates, weights), (mean, none))
         )
         model.counters["fast_steps"] = 0
 
     def advance(self) -> None:
-        model, x, stage = self.model, self.state, self.state
+        model, x, stage, combine = self.model, self.state, self.state, self.model.launch.combine
         for i, change in enumerate(self._changes):
             model.tendency(stage, self.time + self._offsets[i], self._slopes[i])
-            self._starts[i](self._nothing, self._moved)
-            self._rates[i](self._nothing, self._rate)
+            combine(self._nothing, *self._starts[i], out=self._moved)
+            combine(self._nothing, *self._rates[i], out=self._rate)
             self._move(self._durations[i], self._steps[i])
-            self._means[i](self._moved, change)
+            combine(self._moved, *self._means[i], out=change)
             stage = self._stage if i + 1 < STAGES else x
-            model.launch.combine(x, change, 1.0, out=stage)
+            combine(x, change, 1.0, out=stage)
 
     def _move(self, duration: float, steps: int) -> None:
         """Integrate the waves and the rate over a duration [s]."""
