@@ -88,8 +88,7 @@ PARTS = {
     "peers": Part("results/peers", "", ("benchmarks/time_to_error.py",), ("peers",)),
     "effects": Part(
         "reference/effects", "",
-        ("benchmarks/effect_cost.py --write docs/reference/effects.md",
-         "benchmarks/dissipation_defaults.py --write docs/reference/effects.md"),
+        ("benchmarks/effect_cost.py --write docs/reference/effects.md",),
     ),
     "diffusion": Part(
         "explanation/time_integration", "",
