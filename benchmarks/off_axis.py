@@ -556,10 +556,43 @@ def price() -> Section:
     )
 
 
+LONG: dict[str, tuple[int, dict[str, object]]] = {
+    "williamson6": (60, {}),
+    "galewsky": (20, {}),
+    "turbulence": (60, {"hyperviscosity.nu": 0.0}),
+}
+"""Days and effects of long runs by scene."""
+
+
+def endurance() -> Section:
+    """Drift of energy in long runs of every stepper with the edge penalty alone."""
+    rows = []
+    for name in STEPPERS:
+        cells = []
+        for scene, (days, given) in LONG.items():
+            effects = {"edge-penalty.c": "default"} | given
+            sim = Simulation(scene, ne=4, np=4, stepper=name, effects=effects)
+            try:
+                done = sim.run(days=days)
+            except RunFailed as error:
+                cells.append(str(error))
+                continue
+            drift = done["energy_drift"] if done.status == "completed" else np.nan
+            cells.append(done.status if np.isnan(drift) else f"{drift:.1e}")
+        rows.append([f"`{name}`", *cells])
+    return Section(
+        "Every stepper for 20 and 60 days",
+        "Drift of energy at the end of runs with the default edge penalty alone at automatic steps,"
+        " ne4 np4; a word instead of a number says why a run stopped early.",
+        ["stepper", *(f"{scene}, {days} days" for scene, (days, _) in LONG.items())],
+        rows,
+    )
+
+
 SECTIONS = {
     "runs": runs, "spectrum": spectrum, "modes": modes, "symmetric": symmetric,
     "dependence": dependence, "diffusion": diffusion, "drifts": drifts, "jet": early_jet,
-    "price": price,
+    "price": price, "endurance": endurance,
     **{scene: partial(strength, scene) for scene in AGAINST},
 }  # fmt: skip
 
