@@ -94,7 +94,9 @@ PARTS = {
         "explanation/time_integration", "",
         ("benchmarks/diffusion.py --write docs/explanation/time_integration.md",),
     ),
-    "gallery": Part("reference/scenes", "some minutes", ("benchmarks/gallery.py",)),
+    "gallery": Part(
+        "reference/scenes", "some minutes", ("benchmarks/gallery.py", "benchmarks/papers.py"),
+    ),
 }  # fmt: skip
 """All parts by name, in the order in which they run."""
 CASES = ("verification", "stability")
