@@ -1,11 +1,12 @@
 """Disks that fail at each write in turn: what the program says, and what it leaves.
 
-    python benchmarks/attack_disk.py [--every 1] [--only NAME]
+    python benchmarks/attack_disk.py [--part 1/4] [--only NAME] [--errors EIO,ENOSPC,EDQUOT]
 
 Each command is run again and again in a forked process whose n-th call that writes, truncates,
 syncs or renames a file in its folder fails: once with EIO, and from that call on with ENOSPC and
-EDQUOT.  A case fails if it ends with a traceback, an unexpected error, more or less than one line,
-or status 0 without its result, or if a file that existed before cannot be read afterwards.
+EDQUOT.  Part i of n takes every n-th call, beginning with the i-th.  A case fails if it ends with a
+traceback, an unexpected error, more or less than one line, or status 0 without its result, or if a
+file that existed before cannot be read afterwards.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ ERRORS = {"EIO": (errno.EIO, 0), "ENOSPC": (errno.ENOSPC, 1), "EDQUOT": (errno.E
 SMALL = "--ne=2 --np=4 --dt=1800 --days=0.125 --every=0.5 --quiet"
 COMMANDS = {
     "run": (f"run williamson2 {SMALL} --out=new.nc", "new.nc"),
-    "run to Zarr": (f"run williamson2 {SMALL} --out=new.zarr", "new.zarr"),
+    "run to Zarr": (f"run williamson2 {SMALL.replace('0.125', '0.0625')} --out=new.zarr", "new.zarr"),
     "restart": ("run williamson2 --restart=old.nc --out=old.nc --days=0.25 --quiet", "old.nc"),
     "picture": ("plot old.nc --out=new.png", "new.png"),
     "regrid": ("regrid old.nc --grid=latlon:7x12 --out=grid.nc", "grid.nc"),
@@ -105,9 +106,11 @@ def fresh(sound: Path, work: Path) -> Path:
 def main() -> int:
     """Print a table of the cases by command, and each that fails."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--every", type=int, default=1)
+    parser.add_argument("--part", default="1/1")
     parser.add_argument("--only", default="")
+    parser.add_argument("--errors", default=",".join(ERRORS))
     asked = parser.parse_args()
+    part, parts = map(int, asked.part.split("/"))
     if "kills" not in os.environ.get("LD_PRELOAD", ""):
         with tempfile.TemporaryDirectory() as name:
             library = Path(name) / "kills.so"
@@ -133,9 +136,9 @@ def main() -> int:
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
         run(f"run williamson2 {SMALL} --out=old.nc --overwrite".split())
         for command, (words, _) in COMMANDS.items():
-            for kind in ERRORS if asked.only in command else ():
+            for kind in asked.errors.split(",") if asked.only in command else ():
                 calls = forked(fresh(sound, work), words.split(), 10**6, kind)[2]
-                for call in range(1, calls + 1, asked.every):
+                for call in range(part, calls + 1, parts):
                     status, told, _ = forked(fresh(sound, work), words.split(), call, kind)
                     wrong = fault(work, command, status, told)
                     tried[command] += 1
@@ -143,6 +146,8 @@ def main() -> int:
                         failed[command] += 1
                         sys.stdout.write(f"{command}, {kind} at call {call}: {wrong}\n")
                         sys.stdout.flush()
+                sys.stdout.write(f"| {command}, {kind} | {calls} calls | part {asked.part} |\n")
+                sys.stdout.flush()
     for command, count in tried.items():
         sys.stdout.write(f"| {command} | {count} | {failed[command]} |\n")
     return min(failed.total(), 100)

@@ -6,6 +6,7 @@ import secrets
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from threading import Barrier
 
 import numpy as np
@@ -18,6 +19,7 @@ from swe_sphere.files import durable
 from swe_sphere.files.durable import building, claim, take_place, write_whole
 from swe_sphere.pictures.plot import animate_file, plot_file
 from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.studies import record_store
 
 from .support import thorough
 
@@ -51,7 +53,7 @@ def test_a_temporary_name_is_another_one_each_time_and_is_locked(tmp_path, folde
         with pytest.raises(ConfigError, match="another program writes it"):
             claim(path, folder)
         names.add(part.name)
-        os.close(file)
+        durable.release(file)
     assert len(names) == 5
     assert [each.name for each in tmp_path.iterdir()] == [part.name]  # those before were left
 
@@ -98,7 +100,7 @@ def test_of_many_that_claim_a_file_at_once_one_gets_it(tmp_path):
             path = tmp_path / f"{attempt}.nc"
             (held,) = filter(None, threads.map(claimed, [path] * 8))
             assert [*tmp_path.glob(f".{attempt}*")] == [held[1]]
-            os.close(held[0])
+            durable.release(held[0])
 
 
 @pytest.mark.parametrize("planted", ["file", "link", "dangling", "folder"])
@@ -125,7 +127,7 @@ def test_a_temporary_file_is_created_exclusively(tmp_path, monkeypatch, planted)
 
 def test_only_what_has_the_mark_of_the_program_is_removed(tmp_path):
     path = tmp_path / "run.nc"
-    os.close(claim(path)[0])
+    durable.release(claim(path)[0])
     (ours,) = tmp_path.iterdir()
     like = [
         ours.with_name(".run.nc.0123456789abcdef.part.nc"), ours.with_name("run.nc.part"),
@@ -135,11 +137,11 @@ def test_only_what_has_the_mark_of_the_program_is_removed(tmp_path):
         each.write_text("mine")
     write_whole(path, "first")
     assert not ours.exists() and path.read_text() == "first"
-    os.close(claim(path)[0])
+    durable.release(claim(path)[0])
     (ours,) = {*tmp_path.iterdir()} - {path, *like}
     file, part = claim(path)
     take_place(part, path)
-    os.close(file)
+    durable.release(file)
     assert not ours.exists() and all(each.read_text() == "mine" for each in like)
 
 
@@ -168,9 +170,97 @@ def test_a_file_that_a_killed_program_left_is_removed_and_one_in_use_is_not(tmp_
     used = part.rename(part.with_name(durable._new_name(path).name))
     write_whole(path, "whole")
     assert {*tmp_path.iterdir()} == {path, used} and path.read_text() == "whole"
-    os.close(file)
+    durable.release(file)  # another thread may be starting a process, which inherits open files
     write_whole(path, "again")
     assert [*tmp_path.iterdir()] == [path]
+
+
+@pytest.mark.parametrize("used", range(3))
+def test_a_file_in_use_does_not_keep_others_from_being_removed(tmp_path, used):
+    path = tmp_path / "page.html"
+    made = [durable._create(path)[0] for _ in range(3)]
+    kept = durable._marked(path)[used]  # in the order in which they are looked at
+    for file in made:
+        if not os.path.samestat(os.fstat(file), kept.stat()):
+            durable.release(file)
+    with pytest.raises(ConfigError, match="another program writes it"):
+        durable._remove_unfinished(path)
+    assert durable._marked(path) == [kept]
+
+
+@pytest.mark.parametrize("writer", ["text", "run", "sweep"])
+def test_a_lock_ends_with_its_file_although_a_forked_process_has_it_open(tmp_path, writer):
+    path = tmp_path / "run.nc"
+    wait, go_on = os.pipe()
+    code = f"import os; os.read({wait}, 1)"
+    if writer == "sweep":
+        path.mkdir()
+        with record_store.locked(path):
+            numbers = [int(each.name) for each in Path("/proc/self/fd").iterdir()]
+            (file,) = [number for number in numbers if _leads_to(number, path)]
+            other = subprocess.Popen([sys.executable, "-c", code], pass_fds=[file, wait])
+        with record_store.locked(path):
+            pass
+    else:
+        file, part = claim(path)
+        other = subprocess.Popen([sys.executable, "-c", code], pass_fds=[file, wait])
+        if writer == "run":
+            take_place(part, path)
+        durable.release(file)
+        durable.release(claim(path)[0])
+        assert not part.exists()
+    os.write(go_on, b"x")
+    assert other.wait() == 0
+
+
+def _leads_to(number, path):
+    try:
+        return os.path.samestat(os.fstat(number), path.stat())
+    except OSError:
+        return False
+
+
+@pytest.mark.parametrize("kind", ["file", "replaced", "folder"])
+def test_of_two_programs_that_build_a_file_one_is_refused(tmp_path, kind):
+    """Also where a library locks the file or replaces the folder that it builds."""
+    path = tmp_path / "grid.nc"
+    with building(path) as part:
+        part.mkdir() if kind == "folder" else part.write_text("whole")
+        if kind == "replaced":
+            part.unlink()
+            part.write_text("whole")
+        for _ in range(2):
+            with pytest.raises(ConfigError, match="another program writes it"), building(path):
+                pass
+            with pytest.raises(ConfigError, match="another program writes it"):
+                claim(path)
+    assert [*tmp_path.iterdir()] == [path] and path.is_dir() == (kind == "folder")
+
+
+def test_a_store_whose_replacement_was_killed_is_found_where_it_is(tmp_path, monkeypatch):
+    """The new one is in the folder in which it was built."""
+    path = tmp_path / "grid.zarr"
+    path.mkdir()
+    monkeypatch.setattr(durable, "release", os.close)
+    monkeypatch.setattr(durable, "remove", lambda _: None)
+    with pytest.raises(PermissionError), building(path) as part:
+        part.mkdir()
+        monkeypatch.setattr(type(part), "replace", _refuse_second(type(part).replace))
+    (old,) = durable._marked(path, durable.OLD)
+    with pytest.raises(ConfigError, match="was being replaced") as refused:
+        durable.check_moved(path)
+    assert f"rename {part} (the new one) or {old} to {path}" in str(refused.value)
+
+
+def _refuse_second(replace):
+    """Path.replace, which fails where the new folder would take its place."""
+
+    def refusing(self, target):
+        if durable.OLD not in str(target):
+            raise PermissionError(13, "Permission denied")
+        return replace(self, target)
+
+    return refusing
 
 
 def test_no_file_takes_the_place_of_a_folder(tmp_path):

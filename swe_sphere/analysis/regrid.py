@@ -198,7 +198,7 @@ def regrid_file(
         chosen = _chosen(data, fields)
         before = str(data.attrs.get("history", ""))
         chosen.attrs["history"] = history(f"regrid {path.name} --grid {grid}", before)
-        with building(out, is_zarr) as part:
+        with building(out) as part:
             (_write_zarr if is_zarr else _write_netcdf)(part, _frames(path, chosen, at, wanted))
     return out
 

@@ -44,7 +44,7 @@ def write_whole(path: Path, contents: str | bytes) -> None:
             part.write_bytes(contents.encode() if isinstance(contents, str) else contents)
             take_place(part, path)
         finally:
-            os.close(file)
+            release(file)
             part.unlink(missing_ok=True)
 
 
@@ -77,6 +77,13 @@ def take_lock(file: int) -> bool:
     return True
 
 
+def release(file: int) -> None:
+    """Unlock and close a file, also if a process that was forked still has it open."""
+    with suppress(OSError):
+        fcntl.flock(file, fcntl.LOCK_UN)
+    os.close(file)
+
+
 def _mark(path: Path, number: str) -> str:
     """Return the mark of this program in the temporary name for a path with a random number."""
     return hashlib.sha256(f"swe_sphere {path.name} {number}".encode()).hexdigest()[:8]
@@ -102,7 +109,8 @@ def check_moved(path: Path) -> None:
     """Raise ConfigError if a program was killed during `take_place`: both folders are complete."""
     if not path.exists():
         for old in _marked(path, OLD):
-            new = " or ".join([f"{part} (the new one)" for part in _marked(path)] + [str(old)])
+            parts = [[*part.glob(escape(path.name)), part][0] for part in _marked(path)]
+            new = " or ".join([f"{part} (the new one)" for part in parts] + [str(old)])
             raise ConfigError(
                 f"{path} was being replaced when a program was killed: rename {new} to {path}"
             )
@@ -127,11 +135,11 @@ def claim(path: Path, folder: bool = False) -> tuple[int, Path]:
         try:
             _remove_unfinished(path, part)
             if path.exists():  # looked at last: temporary files are renamed to it
-                os.close(_locked(path, os.O_RDONLY, path))
+                release(_locked(path, os.O_RDONLY, path))
             return file, part
         except (ConfigError, OSError):
             if not wait or min(_marked(path), default=None) != part:
-                os.close(file)
+                release(file)
                 remove(part)
                 raise
         time.sleep(wait)
@@ -139,11 +147,18 @@ def claim(path: Path, folder: bool = False) -> tuple[int, Path]:
 
 
 def _remove_unfinished(path: Path, own: Path | None = None) -> None:
-    """Remove temporary files of killed programs; ConfigError if a program still writes one."""
+    """Remove temporary files of killed programs; then ConfigError if a program writes another."""
+    used = None
     for left in [each for each in _marked(path) if each != own]:
-        with suppress(FileNotFoundError):
-            os.close(_locked(left, os.O_RDONLY | os.O_NOFOLLOW, path))
+        try:
+            release(_locked(left, os.O_RDONLY | os.O_NOFOLLOW, path))
             remove(left)
+        except FileNotFoundError:
+            pass
+        except ConfigError as error:
+            used = error
+    if used:
+        raise used
 
 
 def _create(path: Path, folder: bool = False) -> tuple[int, Path]:
@@ -155,16 +170,19 @@ def _create(path: Path, folder: bool = False) -> tuple[int, Path]:
 
 
 @contextmanager
-def building(path: Path, folder: bool = False) -> Iterator[Path]:
-    """Yield a temporary name; the file that the block builds there is renamed at the end."""
+def building(path: Path) -> Iterator[Path]:
+    """Yield a temporary name; the file or folder that the block builds there is renamed at the end.
+
+    It is in a folder that is locked: libraries lock what they build themselves, or replace it.
+    """
     _remove_unfinished(path)
-    file, part = _create(path, folder)
-    os.close(file)  # libraries lock the file, or replace it
+    file, place = _create(path, folder=True)
     try:
-        yield part
+        yield (part := place / path.name)
         take_place(part, path)
     finally:
-        remove(part)
+        release(file)
+        remove(place)
 
 
 def check_free(path: Path, overwrite: bool) -> None:

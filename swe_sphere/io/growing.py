@@ -31,7 +31,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.files.durable import allocate, claim, remove, sync, take_place, write_whole
+from swe_sphere.files.durable import allocate, claim, release, remove, sync, take_place, write_whole
 from swe_sphere.io.layout import SERIES, SUMMARY, SUMMARY_BYTES
 
 RECORDS_AT = 4
@@ -88,7 +88,7 @@ class GrowingOutput:
         if self._open:
             if not self._in_place:
                 remove(self._part)
-            os.close(self._descriptor)
+            release(self._descriptor)
         self._open = False
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from swe_sphere.errors import ConfigError, SweError, in_one_line
-from swe_sphere.files.durable import contents_of, take_lock, write_whole
+from swe_sphere.files.durable import contents_of, release, take_lock, write_whole
 from swe_sphere.settings.values import place_and_complaint
 from swe_sphere.simulation.loop import Interrupted, Interruption
 from swe_sphere.simulation.observers import Observer
@@ -162,4 +162,4 @@ def locked(folder: Path) -> Iterator[None]:
             )
         yield
     finally:
-        os.close(file)
+        release(file)

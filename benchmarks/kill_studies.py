@@ -1,0 +1,195 @@
+"""Ensembles, sweeps, regriddings and films killed at random moments: what they leave, and resume.
+
+    python benchmarks/kill_studies.py [--kills 40] [--seed 1] [--only ensemble,sweep,regrid,animate]
+
+Kills each command (SIGKILL), with all processes that it started, a random time after its begin, and
+reads every file that is left.  The command is then started again, until it ends: its result must be
+that of a command that was left alone, the members, fields and pictures to the last bit, and the
+rows of a sweep but for their times.  Temporary files must be gone then.  The commands are forked
+from a process that has loaded all they need, which saves seconds for each.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from collections import Counter
+from contextlib import redirect_stdout, suppress
+from pathlib import Path
+
+import xarray as xr
+from PIL import Image
+
+import swe_sphere.cli.main as program
+from swe_sphere.io.checkpoint import read_checkpoint
+from swe_sphere.io.runfile import RunFile
+from swe_sphere.pictures import plot
+
+RUN = "--ne=2 --np=4 --dt=1800 --quiet"
+COMMANDS = {
+    "ensemble": f"ensemble galewsky --seeds=1,2,3 --days=0.25 --every=1 {RUN} --out=e",
+    "sweep": "sweep williamson2 --steppers=rk4,leapfrog --dt=900,450 --ne=2 --np=4 --days=0.25"
+    " --repeats=2 --jobs=2 --quiet --out=s",
+    "regrid": "regrid old.nc --grid=latlon:31x60 --out=grid.nc --overwrite",
+    "animate": "animate old.nc --out=film.gif --overwrite",
+}  # fmt: skip
+COUNTED = (
+    "kills", "files read", "files unreadable", "a result in its place", "resumed", "same result",
+    "temporary files left",
+)  # fmt: skip
+TIMES = ("seconds", "cpu", "time", "median", "spread", "repeat")
+"""Parts of the names of what a sweep measures of time."""
+
+
+def tell(text: str) -> None:
+    """Print a line at once."""
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
+def load(folder: Path, words: str) -> None:
+    """Run a command in this process, which then has loaded all that forked ones need."""
+    os.chdir(folder)
+    with suppress(SystemExit), Path(os.devnull).open("w") as silent, redirect_stdout(silent):
+        program.main(words.replace("--jobs=2", "--jobs=1").split())
+    os.chdir("/")
+
+
+def started(folder: Path, words: str) -> int:
+    """Start a command in a process group of its own; return its number."""
+    child = os.fork()
+    if child == 0:
+        os.setpgid(0, 0)
+        os.chdir(folder)
+        silent = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(silent, 1)
+        try:
+            program.main(words.split())
+        except SystemExit as end:
+            os._exit(int(end.code or 0))
+        finally:
+            os._exit(99)
+    return child
+
+
+def finish(folder: Path, words: str) -> float:
+    """Run a command to its end; return how long it took [s]."""
+    begin = time.monotonic()
+    status = os.waitstatus_to_exitcode(os.waitpid(started(folder, words), 0)[1])
+    if status:
+        raise SystemExit(f"status {status}: {words}")
+    return time.monotonic() - begin
+
+
+def killed(folder: Path, words: str, delay: float) -> bool:
+    """Return whether a command was killed, with its processes, before its end."""
+    child = started(folder, words)
+    time.sleep(delay)
+    os.killpg(child, signal.SIGKILL)
+    return os.WIFSIGNALED(os.waitpid(child, 0)[1])
+
+
+def contents(path: Path) -> object:
+    """Return what a file holds; an exception where it is not whole."""
+    if path.name.endswith(".restart"):
+        return {name: x.tobytes() for name, x in read_checkpoint(path).state_dict.items()
+                if not name.startswith("counter_")}  # fmt: skip
+    if path.suffix == ".nc":
+        with xr.open_dataset(path, decode_times=False) as data:
+            data.load()
+            if "time" in data.dims and "run_id" in data.attrs:
+                RunFile(path).frame()
+        kept = [n for n in data.variables if not any(part in str(n) for part in TIMES[:5])]
+        return {n: data[n].values.tolist() if data[n].dtype == object else data[n].values.tobytes()
+                for n in kept}  # fmt: skip
+    if path.suffix in (".png", ".gif"):
+        with Image.open(path) as image:
+            for number in range(getattr(image, "n_frames", 1)):
+                image.seek(number)
+                image.load()
+        return path.read_bytes()
+    text = path.read_text("utf-8")
+    return json.loads(text) if path.suffix == ".json" else text
+
+
+def is_temporary(path: Path) -> bool:
+    """Return whether a file has a temporary name, or is in a folder that has one."""
+    return any(".part" in part or ".old" in part for part in path.parts)
+
+
+def files(folder: Path) -> list[Path]:
+    """Return the files in a folder that are not temporary, in order."""
+    return sorted(p for p in folder.rglob("*") if p.is_file() and not is_temporary(p))
+
+
+def results(folder: Path, name: str) -> dict[str, object]:
+    """Return what must be the same: of sweeps the rows, otherwise the contents of all files."""
+    if name == "sweep":
+        return {"rows": contents(folder / "s" / "sweep.nc")}
+    return {str(p.relative_to(folder)): contents(p) for p in files(folder)}
+
+
+def main() -> int:
+    """Print a table of the kills by command, and each that leaves what it should not."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--kills", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", default=",".join(COMMANDS))
+    asked = parser.parse_args()
+    chance, failed = random.Random(asked.seed), 0
+    plot.ROWS, plot.FILM_DOTS_PER_INCH = 19, 30
+    tell(f"| {' | '.join(('command', *COUNTED))} |")
+    with tempfile.TemporaryDirectory() as place:
+        sound, work = Path(place) / "sound", Path(place) / "work"
+        for name in asked.only.split(","):
+            words, found = COMMANDS[name], Counter[str]()
+            shutil.rmtree(sound, ignore_errors=True)
+            sound.mkdir()
+            load(sound, f"run galewsky --days=0.25 --every=1 {RUN} --out=old.nc")
+            if name in ("regrid", "animate"):
+                load(sound, words.replace("31x60", "7x12"))  # an older result, to be replaced
+            else:
+                load(sound, words)
+                shutil.rmtree(sound)
+                sound.mkdir()
+            shutil.copytree(sound, whole := Path(place) / f"whole-{name}")
+            span = finish(whole, words)
+            expected = results(whole, name)
+            while found["kills"] < asked.kills:
+                shutil.rmtree(work, ignore_errors=True)
+                shutil.copytree(sound, work)
+                if not killed(work, words, chance.uniform(0.0, span)):
+                    continue
+                found["kills"] += 1
+                for path in files(work):
+                    found["files read"] += 1
+                    try:
+                        contents(path)
+                    except Exception as error:
+                        found["files unreadable"] += 1
+                        tell(f"{name}: {path.relative_to(work)}: {error!r}")
+                for old in ("grid.nc", "film.gif"):
+                    found["a result in its place"] += (work / old).exists()
+                finish(work, words)
+                found["resumed"] += 1
+                now = results(work, name)
+                found["same result"] += now == expected
+                if now != expected:
+                    others = [k for k in {*now, *expected} if now.get(k) != expected.get(k)]
+                    tell(f"{name}: other results: {others}")
+                left = [p for p in work.rglob("*") if is_temporary(p.relative_to(work))]
+                found["temporary files left"] += len(left)
+            failed += found["kills"] - found["same result"] + found["files unreadable"]
+            tell(f"| {name} | {' | '.join(str(found[what]) for what in COUNTED)} |")
+    return min(failed, 100)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
