@@ -33,9 +33,10 @@ SHIM = Path(__file__).parents[1] / "tests" / "kills.c"
 ERRORS = {"EIO": (errno.EIO, 0), "ENOSPC": (errno.ENOSPC, 1), "EDQUOT": (errno.EDQUOT, 1)}
 """Errors, and whether all later calls fail as well."""
 SMALL = "--ne=2 --np=4 --dt=1800 --days=0.125 --every=0.5 --quiet"
+SHORT = SMALL.replace("0.125", "0.0625")
 COMMANDS = {
     "run": (f"run williamson2 {SMALL} --out=new.nc", "new.nc"),
-    "run to Zarr": (f"run williamson2 {SMALL.replace('0.125', '0.0625')} --out=new.zarr", "new.zarr"),
+    "run to Zarr": (f"run williamson2 {SHORT} --out=new.zarr", "new.zarr"),
     "restart": ("run williamson2 --restart=old.nc --out=old.nc --days=0.25 --quiet", "old.nc"),
     "picture": ("plot old.nc --out=new.png", "new.png"),
     "regrid": ("regrid old.nc --grid=latlon:7x12 --out=grid.nc", "grid.nc"),

@@ -6,7 +6,7 @@ Kills each command (SIGKILL), with all processes that it started, a random time 
 reads every file that is left.  The command is then started again, until it ends: its result must be
 that of a command that was left alone, the members, fields and pictures to the last bit, and the
 rows of a sweep but for their times.  Temporary files must be gone then.  The commands are forked
-from a process that has loaded all they need, which saves seconds for each.
+from a process that has loaded all that they need, which saves seconds for each of them.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from swe_sphere.io.checkpoint import read_checkpoint
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.pictures import plot
 
-RUN = "--ne=2 --np=4 --dt=1800 --quiet"
+RUN = "--ne=2 --np=4 --dt=1800"
 COMMANDS = {
     "ensemble": f"ensemble galewsky --seeds=1,2,3 --days=0.25 --every=1 {RUN} --out=e",
     "sweep": "sweep williamson2 --steppers=rk4,leapfrog --dt=900,450 --ne=2 --np=4 --days=0.25"
@@ -68,8 +68,8 @@ def started(folder: Path, words: str) -> int:
     if child == 0:
         os.setpgid(0, 0)
         os.chdir(folder)
-        silent = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(silent, 1)
+        for stream in (1, 2):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
         try:
             program.main(words.split())
         except SystemExit as end:
@@ -152,7 +152,7 @@ def main() -> int:
             words, found = COMMANDS[name], Counter[str]()
             shutil.rmtree(sound, ignore_errors=True)
             sound.mkdir()
-            load(sound, f"run galewsky --days=0.25 --every=1 {RUN} --out=old.nc")
+            load(sound, f"run galewsky --days=0.25 --every=1 {RUN} --quiet --out=old.nc")
             if name in ("regrid", "animate"):
                 load(sound, words.replace("31x60", "7x12"))  # an older result, to be replaced
             else:
