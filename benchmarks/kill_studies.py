@@ -34,7 +34,7 @@ from swe_sphere.pictures import plot
 
 RUN = "--ne=2 --np=4 --dt=1800"
 COMMANDS = {
-    "ensemble": f"ensemble galewsky --seeds=1,2,3 --days=0.25 --every=1 {RUN} --out=e",
+    "ensemble": f"ensemble galewsky --seeds=1,2,3 --days=0.25 --every=1 {RUN} --folder=e",
     "sweep": "sweep williamson2 --steppers=rk4,leapfrog --dt=900,450 --ne=2 --np=4 --days=0.25"
     " --repeats=2 --jobs=2 --quiet --out=s",
     "regrid": "regrid old.nc --grid=latlon:31x60 --out=grid.nc --overwrite",
@@ -44,7 +44,7 @@ COUNTED = (
     "kills", "files read", "files unreadable", "a result in its place", "resumed", "same result",
     "temporary files left",
 )  # fmt: skip
-TIMES = ("seconds", "cpu", "time", "median", "spread", "repeat")
+TIMES = ("seconds", "cpu", "wall", "spread")
 """Parts of the names of what a sweep measures of time."""
 
 
@@ -106,7 +106,7 @@ def contents(path: Path) -> object:
             data.load()
             if "time" in data.dims and "run_id" in data.attrs:
                 RunFile(path).frame()
-        kept = [n for n in data.variables if not any(part in str(n) for part in TIMES[:5])]
+        kept = [n for n in data.variables if not any(part in str(n) for part in TIMES)]
         return {n: data[n].values.tolist() if data[n].dtype == object else data[n].values.tobytes()
                 for n in kept}  # fmt: skip
     if path.suffix in (".png", ".gif"):
