@@ -430,3 +430,14 @@ def test_json_has_no_bare_nan(swe, monkeypatch):
     status, out, _ = swe("compare", "a.nc", "b.nc", "--json")
     told = json.loads(out, parse_constant=lambda name: pytest.fail(name))
     assert (status, told["l1"], told["l2"], told["linf"]) == (0, None, None, 1.0)
+
+
+def test_a_run_that_fails_before_its_first_frame_claims_to_keep_nothing(swe):
+    """The first sample precedes the first frame."""
+    Path("bad.py").write_text(
+        "from swe_sphere import diagnostic\n\n\n@diagnostic(units='m')\ndef bad(sim):\n    return 1 / 0\n"
+    )
+    words = "run williamson2 --ne=2 --np=4 --days=0.25 --quiet --diagnostics=bad.py --out=a.nc"
+    status, _, err = swe(*words.split())
+    assert status == 1 and "the diagnostic bad fails: ZeroDivisionError" in err
+    assert "keeps" not in err and not Path("a.nc").exists()

@@ -97,7 +97,7 @@ def _show_warning(text: str) -> None:
 def _show_summary(summary: Summary, config: RunConfig) -> None:
     """Print the result as a table or a line of JSON, and on stderr why the run stopped early."""
     if summary.reason is not None:
-        named = config.out is None or str(config.out) in summary.reason
+        named = not (config.out and config.out.exists()) or str(config.out) in summary.reason
         kept = "" if named else f"; {config.out} keeps all that was written"
         sys.stderr.write(f"swe-sphere: {in_one_line(summary.reason)}{kept}\n")
     told = config.out is not None and not (config.quiet or config.as_json)

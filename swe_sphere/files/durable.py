@@ -23,9 +23,6 @@ PART, OLD = ".part", ".old"
 """Suffixes of the names of files and folders in construction, and of replaced folders."""
 SHOWN = 40
 """Number of characters of a path's name in its temporary names."""
-NEW_FILE = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
-OLD_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW
-"""Flags that open a temporary file, which must not exist, and a temporary folder."""
 PATIENCE = 0.2
 """Time for which a program waits for others that claim the same file [s]."""
 
@@ -51,7 +48,7 @@ def write_whole(path: Path, contents: str | bytes) -> None:
 def contents_of(path: Path) -> bytes:
     """Contents of a file; OSError if it does not exist, or is a pipe, which would block."""
     if path.exists() and not path.is_file():
-        raise OSError(errno.EINVAL, "it is not a file")
+        raise OSError(errno.EINVAL, "it is not a file", str(path))
     return path.read_bytes()
 
 
@@ -147,18 +144,11 @@ def claim(path: Path, folder: bool = False) -> tuple[int, Path]:
 
 
 def _remove_unfinished(path: Path, own: Path | None = None) -> None:
-    """Remove temporary files of killed programs; then ConfigError if a program writes another."""
-    used = None
+    """Remove temporary files of killed programs; ConfigError, perhaps before, if one is in use."""
     for left in [each for each in _marked(path) if each != own]:
-        try:
+        with suppress(FileNotFoundError):
             release(_locked(left, os.O_RDONLY | os.O_NOFOLLOW, path))
             remove(left)
-        except FileNotFoundError:
-            pass
-        except ConfigError as error:
-            used = error
-    if used:
-        raise used
 
 
 def _create(path: Path, folder: bool = False) -> tuple[int, Path]:
@@ -166,17 +156,15 @@ def _create(path: Path, folder: bool = False) -> tuple[int, Path]:
     part = _new_name(path)
     if folder:
         part.mkdir()
-    return _locked(part, OLD_FOLDER if folder else NEW_FILE, path), part
+    kind = os.O_RDONLY | os.O_DIRECTORY if folder else os.O_RDWR | os.O_CREAT | os.O_EXCL
+    return _locked(part, kind | os.O_NOFOLLOW, path), part
 
 
 @contextmanager
 def building(path: Path) -> Iterator[Path]:
-    """Yield a temporary name; the file or folder that the block builds there is renamed at the end.
-
-    It is in a folder that is locked: libraries lock what they build themselves, or replace it.
-    """
+    """Yield a name in a temporary folder; what the block builds there is renamed at the end."""
     _remove_unfinished(path)
-    file, place = _create(path, folder=True)
+    file, place = _create(path, folder=True)  # libraries lock the file itself, or replace it
     try:
         yield (part := place / path.name)
         take_place(part, path)

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from swe_sphere import __version__
+from swe_sphere.files.durable import contents_of
 
 NUMBERS = (
     "kernels", "testcases", "mesh", "operators", "equations", "solvers", "steppers", "simulation",
@@ -42,7 +43,7 @@ def fingerprint(values: object) -> str:
 
 def file_fingerprint(path: Path) -> str:
     """Return a short name for the contents of a file; OSError if it cannot be read."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+    return hashlib.sha256(contents_of(path)).hexdigest()[:16]
 
 
 @cache

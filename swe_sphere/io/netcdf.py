@@ -27,7 +27,7 @@ from swe_sphere.io.layout import (
     history,
     plain,
 )
-from swe_sphere.io.runfile import RunFile, reading
+from swe_sphere.io.runfile import RunFile, checked, reading
 from swe_sphere.io.scalar_fields import FIELDS, POWER, derive
 from swe_sphere.mesh import Mesh
 
@@ -204,7 +204,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
             if {name for name, v in data.variables.items() if "time" in v.dims} != names:
                 raise ConfigError(f"cannot resume in {self.path}: its frames hold other fields")
             for k in range(np.count_nonzero(times < self._from)):
-                values = {name: data[name].isel(time=k).values for name in names}
+                values = {n: checked(self.path, n, data[n].isel(time=k).variable) for n in names}
                 self._growing.add_record(values, wait=False)
 
     def _sample(self, time: float, diagnostics: Mapping[str, float | None]) -> dict[str, float]:

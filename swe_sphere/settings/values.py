@@ -12,6 +12,7 @@ from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from swe_sphere.errors import ConfigError, shown, unknown_name
+from swe_sphere.files.durable import contents_of
 
 SCENE, STEPPER = "scene", "stepper"
 """Owners of settings that are not effects."""
@@ -182,7 +183,7 @@ def by_field(table: Mapping[str, Any]) -> dict[str, Any]:
 def read_toml(path: Path) -> dict[str, Any]:
     """Return the table in a file in UTF-8; ConfigError if it cannot be read or is not TOML."""
     try:
-        if b"\0" in path.read_bytes():
+        if b"\0" in contents_of(path):
             raise ConfigError(f"{path} is not in UTF-8 but in UTF-16, or no text: save it in UTF-8")
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:

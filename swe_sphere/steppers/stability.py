@@ -96,7 +96,7 @@ def check_order(cls: Any, *matrices: NDArray[np.float64]) -> None:
     each rooted tree whose branches have matrices (Hairer, Norsett & Wanner 1993, II.2 and II.15).
     """
     b, branches = np.array(cls.b), list[_Branch]()
-    for order in range(1, min(cls.order, 5) + 1):
+    for order in range(1, max(1, min(cls.order, 5)) + 1):
         grown = list[_Branch]()
         for forest in _forests(branches, order - 1):
             density = order * math.prod(branch.density for branch in forest)
