@@ -434,9 +434,8 @@ def test_json_has_no_bare_nan(swe, monkeypatch):
 
 def test_a_run_that_fails_before_its_first_frame_claims_to_keep_nothing(swe):
     """The first sample precedes the first frame."""
-    Path("bad.py").write_text(
-        "from swe_sphere import diagnostic\n\n\n@diagnostic(units='m')\ndef bad(sim):\n    return 1 / 0\n"
-    )
+    code = "@diagnostic(units='m')\ndef bad(sim):\n    return 1 / 0\n"
+    Path("bad.py").write_text(f"from swe_sphere import diagnostic\n\n\n{code}")
     words = "run williamson2 --ne=2 --np=4 --days=0.25 --quiet --diagnostics=bad.py --out=a.nc"
     status, _, err = swe(*words.split())
     assert status == 1 and "the diagnostic bad fails: ZeroDivisionError" in err

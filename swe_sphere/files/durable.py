@@ -144,11 +144,12 @@ def claim(path: Path, folder: bool = False) -> tuple[int, Path]:
 
 
 def _remove_unfinished(path: Path, own: Path | None = None) -> None:
-    """Remove temporary files of killed programs; ConfigError, perhaps before, if one is in use."""
-    for left in [each for each in _marked(path) if each != own]:
-        with suppress(FileNotFoundError):
-            release(_locked(left, os.O_RDONLY | os.O_NOFOLLOW, path))
-            remove(left)
+    """Remove temporary files of killed programs; then ConfigError if a program writes another."""
+    for passed_over in (ConfigError, FileNotFoundError):  # refuses in the second round
+        for left in [each for each in _marked(path) if each != own]:
+            with suppress(FileNotFoundError, passed_over):
+                release(_locked(left, os.O_RDONLY | os.O_NOFOLLOW, path))
+                remove(left)
 
 
 def _create(path: Path, folder: bool = False) -> tuple[int, Path]:
