@@ -31,7 +31,7 @@ from swe_sphere.equations.effects import (
     EdgePenalty,
     Forcing,
     Hyperviscosity,
-    Linearised,
+    LinearisedDynamics,
     PrescribedWind,
     Relaxation,
     Tracers,
@@ -77,7 +77,9 @@ def cases() -> Iterator[tuple[str, str, Scene, Scene | None]]:
         "drag, linear": plain.with_effect(Drag(linear=1e-6)),
         "drag, linear and quadratic": plain.with_effect(Drag(1e-6, 1e-8)),
         "relaxation": plain.with_effect(Relaxation(1e6)),
-        "linearised": replace(plain, effects=(*plain.effects, Linearised()), base=plain.initial),
+        "linearised": replace(
+            plain, effects=(*plain.effects, LinearisedDynamics()), base=plain.initial
+        ),
         "viscosity": plain.with_effect(Viscosity(1e5)),
         "hyperviscosity": plain.with_effect(Hyperviscosity()),
         "edge-penalty": plain.with_effect(EdgePenalty()),

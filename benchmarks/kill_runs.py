@@ -31,7 +31,7 @@ from swe_sphere.cli.main import main as program
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.checkpoint import checkpoint_path, read_checkpoint
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.simulation import run
+from swe_sphere.simulation.simulation import run_scene
 
 SCENE = {"scene": "williamson2", "ne": 4, "np": 4, "dt": 600.0, "days": 1.0, "every": 1 / 6}
 """Frames after every step: most of the time goes into writing."""
@@ -105,7 +105,7 @@ def frames(out: Path, whole: xarray.Dataset) -> int:
 
 def goes_on(out: Path, whole: xarray.Dataset) -> bool:
     """Whether a run that goes on in its file ends with all frames of the whole one, bit for bit."""
-    run(make_config({"scene": SCENE["scene"], "restart": out, "out": out}))
+    run_scene(make_config({"scene": SCENE["scene"], "restart": out, "out": out}))
     with xarray.open_dataset(out) as data:
         return all(data[name].values.tobytes() == whole[name].values.tobytes() for name in FIELDS)
 

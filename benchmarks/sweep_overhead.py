@@ -19,7 +19,7 @@ from rich.console import Console
 from swe_sphere.studies.sweep import SweepWatcher, make_plan
 from swe_sphere.studies.sweep.engine import Sweep
 from swe_sphere.studies.sweep.record import write_dataset
-from swe_sphere.studies.sweep.runner import execute, warm_up
+from swe_sphere.studies.sweep.runner import run_timed, warm_up
 
 STEPPERS = ["leapfrog", "rk4", "semi-implicit", "tr-bdf2"]
 
@@ -48,8 +48,8 @@ def main(
     """Run a sweep and print the share of what is not its runs."""
     import swe_sphere.studies.sweep.runner as runner
 
-    runs, warm = Meter(execute), Meter(warm_up)
-    runner.execute, runner.warm_up = runs, warm
+    runs, warm = Meter(run_timed), Meter(warm_up)
+    runner.run_timed, runner.warm_up = runs, warm
     plan = make_plan({"scene": scene, "steppers": STEPPERS, "ne": ne, "np": np, "days": days,
                       "repeats": repeats, "levels": 4})  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:

@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from swe_sphere.equations.effects import DYNAMICS, Effect, Forcing, Linearised, Rotation
+from swe_sphere.equations.effects import DYNAMICS, Effect, Forcing, LinearisedDynamics, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, EARTH, Planet
@@ -40,7 +40,7 @@ def _about_rest(depth: float, linear: bool, *more: Effect) -> dict[str, Any]:
     effects = (*DYNAMICS, Rotation(), *more)
     if not linear:
         return {"effects": effects}
-    return {"effects": (*effects, Linearised()), "base": at_rest(depth)}
+    return {"effects": (*effects, LinearisedDynamics()), "base": at_rest(depth)}
 
 
 def tide(

@@ -54,7 +54,7 @@ flow = dict(
     tracers={"q": tracer}, exact_tracers=exact_tracers,
 )
 wind = dict(effects=(PrescribedWind(),), wind=wind)
-linear = dict(effects=(*DYNAMICS, Linearised()), base=base)
+linear = dict(effects=(*DYNAMICS, LinearisedDynamics()), base=base)
 
 def scene():
     return Scene(**given | KIND | dict(CHANGES))

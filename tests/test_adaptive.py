@@ -13,7 +13,7 @@ from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.io.integrals import integrals
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.simulation import run
+from swe_sphere.simulation.simulation import run_scene
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.adaptive import AdaptiveSteps, step_ratio
 from swe_sphere.testcases import get_scene
@@ -275,10 +275,10 @@ def test_a_run_notes_its_cuts_and_goes_on_from_its_file(tmp_path) -> None:
         "scene": "williamson5", "stepper": "esdirk4", "adaptive": 1e-6, "ne": 2, "np": 4,
         "every": 6.0, "quiet": True,
     }  # fmt: skip
-    whole = run(make_config(asked | {"days": 0.5, "out": tmp_path / "whole.nc"}))
-    run(make_config(asked | {"days": 0.25, "out": tmp_path / "half.nc"}))
+    whole = run_scene(make_config(asked | {"days": 0.5, "out": tmp_path / "whole.nc"}))
+    run_scene(make_config(asked | {"days": 0.25, "out": tmp_path / "half.nc"}))
     rest = make_config({"scene": "williamson5", "restart": tmp_path / "half.nc", "days": 0.5})
-    rest = run(rest)
+    rest = run_scene(rest)
     assert (whole["dt"], whole["steps"]) == (21600.0, 2)
     for name in ("l2_h", "energy", "energy_drift", "accepted_steps", "rejected_steps"):
         assert rest[name] == whole[name]

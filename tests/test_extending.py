@@ -23,7 +23,7 @@ from swe_sphere.io.checkpoint import read_checkpoint
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import HOUR
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.simulation import run
+from swe_sphere.simulation.simulation import run_scene
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS, make_preconditioner
 from swe_sphere.steppers import STEPPERS, get_stepper
 from swe_sphere.steppers.runge_kutta import RK4
@@ -53,13 +53,13 @@ def test_the_scene_of_the_page_keeps_its_balance(here) -> None:
     """Without a mountain, on any planet; with one the dust is carried and kept."""
     small = {"scene": "my_flow.py", "ne": 4, "days": 0.5}
     for settings in ((), ("scene.day=12", "scene.speed=30")):
-        summary = run(make_config(small | {"settings": settings}))
+        summary = run_scene(make_config(small | {"settings": settings}))
         assert summary.completed and summary["l2_h"] < 1e-3 and summary["l2_v"] < 1e-2
-    summary = run(make_config(small | {"settings": ("scene.height=1500",)}))
+    summary = run_scene(make_config(small | {"settings": ("scene.height=1500",)}))
     assert summary["l2_h"] is None and abs(summary["mass_drift_q_dust"]) < 1e-13
     assert summary["title"] == "a zonal wind in balance, over a mountain"
     with pytest.raises(ConfigError, match="my-flow: height must be less than"):
-        run(make_config(small | {"settings": ("scene.height=3000",)}))
+        run_scene(make_config(small | {"settings": ("scene.height=3000",)}))
 
 
 def advanced(kind, dt: float, **options):
@@ -87,7 +87,7 @@ def test_steppers_of_the_page_have_their_order(here, file: str, options) -> None
 @pytest.mark.parametrize("file", ["ralston", "low_storage", "sdirk2"])
 def test_runs_with_the_steppers_of_the_page(here, file: str) -> None:
     values = {k: v for k, v in SMALL.items() if k != "dt" or file == "sdirk2"}
-    summary = run(make_config(values | {"stepper": f"{file}.py"}))
+    summary = run_scene(make_config(values | {"stepper": f"{file}.py"}))
     assert summary["completed"] and summary["scheme"] == get_stepper(f"{file}.py").name
 
 
@@ -95,7 +95,7 @@ def test_runs_with_the_steppers_of_the_page(here, file: str) -> None:
 def test_preconditioners_of_the_page_precondition(here, file: str, part: float) -> None:
     """With this part of the iterations that it takes without."""
     bare, helped = (
-        run(make_config(SMALL | {"stepper": "tr-bdf2", "preconditioner": name}))
+        run_scene(make_config(SMALL | {"stepper": "tr-bdf2", "preconditioner": name}))
         for name in ("none", f"{file}.py")
     )
     assert helped["completed"]
@@ -113,7 +113,7 @@ def test_a_stepper_without_growth_is_one_line(here) -> None:
     text = EXAMPLES["low_storage.py"].split("    @classmethod")[0]
     Path("low_storage.py").write_text(text)
     with pytest.raises(ConfigError, match=r"stepper low-storage defines no `growth\("):
-        run(
+        run_scene(
             make_config(
                 {k: v for k, v in SMALL.items() if k != "dt"} | {"stepper": "low_storage.py"}
             )
@@ -195,7 +195,7 @@ def test_a_failing_step_names_the_line(here) -> None:
     )
     Path("mine.py").write_text(text)
     line = text.splitlines().index("        1 / 0") + 1
-    summary = run(make_config(SMALL | {"stepper": "mine.py", "dt": "auto"}))
+    summary = run_scene(make_config(SMALL | {"stepper": "mine.py", "dt": "auto"}))
     assert summary["reason"] == (
         f"mine.py fails: ZeroDivisionError: division by zero (mine.py, line {line})"
     )
@@ -212,13 +212,13 @@ def test_a_limit_that_is_none_is_one_clear_line(here, limit: str, message: str) 
     limited = f"    @classmethod\n    def stable_dt(cls, wave, loss=0.0):\n        return {limit}\n"
     Path("mine.py").write_text(EXAMPLES["low_storage.py"] + limited)
     with pytest.raises(ConfigError, match=message):
-        run(make_config(SMALL | {"stepper": "mine.py", "dt": "auto"}))
+        run_scene(make_config(SMALL | {"stepper": "mine.py", "dt": "auto"}))
 
 
 def test_a_failing_preconditioner_names_the_line(here) -> None:
     text = EXAMPLES["rotation.py"].replace("n, angle = self._nodes", "n, angle = self._edges")
     Path("mine.py").write_text(text)
-    summary = run(make_config(SMALL | {"stepper": "tr-bdf2", "preconditioner": "mine.py"}))
+    summary = run_scene(make_config(SMALL | {"stepper": "tr-bdf2", "preconditioner": "mine.py"}))
     line = next(i for i, line in enumerate(text.splitlines(), 1) if "_edges" in line)
     expected = rf"mine.py fails: AttributeError: .* \(mine.py, line {line}\)$"
     assert re.match(expected, summary["reason"])
@@ -229,11 +229,11 @@ def test_options_come_from_the_signature(here) -> None:
     text += "        super().__init__(model, dt)\n"
     Path("mine.py").write_text(EXAMPLES["ralston.py"] + text)
     config = SMALL | {"stepper": "mine.py", "dt": "auto"}
-    assert run(make_config(config | {"settings": ["stepper.part=0.5"]}))["completed"]
+    assert run_scene(make_config(config | {"settings": ["stepper.part=0.5"]}))["completed"]
     with pytest.raises(ConfigError, match="stepper ralston has no option 'piece'; it has part"):
-        run(make_config(config | {"settings": ["stepper.piece=0.5"]}))
+        run_scene(make_config(config | {"settings": ["stepper.piece=0.5"]}))
     with pytest.raises(ConfigError, match="stepper ralston: part must be a number"):
-        run(make_config(config | {"settings": ["stepper.part=half"]}))
+        run_scene(make_config(config | {"settings": ["stepper.part=half"]}))
 
 
 @pytest.mark.parametrize(
@@ -242,15 +242,15 @@ def test_options_come_from_the_signature(here) -> None:
 )
 def test_a_restart_with_an_edited_file_is_refused(here, what: str, file: str, stepper: str) -> None:
     asked = SMALL | {"stepper": stepper} | ({what: file} if what == "preconditioner" else {})
-    run(make_config(asked | {"out": "whole.nc", "days": 0.5}))
-    run(make_config(asked | {"out": "part.nc"}))
+    run_scene(make_config(asked | {"out": "whole.nc", "days": 0.5}))
+    run_scene(make_config(asked | {"out": "part.nc"}))
     onwards = asked | {"restart": "part.nc", "days": 0.5}
-    run(make_config(onwards | {"out": "rest.nc"}))
+    run_scene(make_config(onwards | {"out": "rest.nc"}))
     whole, rest = (read_checkpoint(Path(f"{name}.nc.restart")) for name in ("whole", "rest"))
     assert np.array_equal(whole.state_dict["state"], rest.state_dict["state"])
     Path(file).write_text(Path(file).read_text() + "# edited\n")
     with pytest.raises(ConfigError, match=f"^the {what}'s file is not what it was"):
-        run(make_config(onwards))
+        run_scene(make_config(onwards))
 
 
 def test_the_effect_of_the_page_is_what_it_says(here) -> None:
@@ -272,10 +272,10 @@ def test_the_effect_of_the_page_is_what_it_says(here) -> None:
 def test_a_restart_with_an_edited_effect_is_refused(here) -> None:
     asked = SMALL | {"scene": "friction.py", "stepper": "tr-bdf2"}
     asked["settings"] = ["bottom-friction.k=1e-3"]
-    assert run(make_config(asked | {"out": "part.nc"}))["completed"]
+    assert run_scene(make_config(asked | {"out": "part.nc"}))["completed"]
     Path("friction.py").write_text(EXAMPLES["friction.py"].replace("-rate * u", "-2.0 * rate * u"))
     with pytest.raises(ConfigError, match=r"^the scene's file is not what it was"):
-        run(make_config(asked | {"restart": "part.nc", "days": 0.5}))
+        run_scene(make_config(asked | {"restart": "part.nc", "days": 0.5}))
 
 
 # --- diagnostics and callbacks
@@ -306,7 +306,7 @@ def test_files_without_diagnostics_are_one_line(here, text, word):
     if text is not None:
         Path("mine.py").write_text(text)
     with pytest.raises(ConfigError, match=word):
-        run(make_config(SMALL | {"diagnostics": ["mine.py"]}))
+        run_scene(make_config(SMALL | {"diagnostics": ["mine.py"]}))
 
 
 def test_the_order_that_the_page_measures_is_that_of_its_stepper(here):
@@ -443,7 +443,7 @@ def test_diagnostics_and_callbacks_are_no_file_of_the_package(here):
     sources = (path.read_text() for path in (ROOT / "swe_sphere").rglob("*.py"))
     assert not any("eddy_energy" in text for text in sources)
     asked = SMALL | {"diagnostics": ["eddies.py"], "out": "run.nc"}
-    summary = run(make_config(asked))
+    summary = run_scene(make_config(asked))
     assert summary["eddy_energy"] == open_run("run.nc").eddy_energy[-1] > 0.0
     swept = sweep("williamson5", "rk4", ne=2, np=4, days=0.25, dt=1800.0, repeats=1)
     assert swept.eddy_energy[swept.role.values == "grid"].item() == summary["eddy_energy"]

@@ -11,7 +11,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
 from swe_sphere.simulation.observers import LogLines, every
-from swe_sphere.simulation.simulation import Simulation, run
+from swe_sphere.simulation.simulation import Simulation, run_scene
 from swe_sphere.simulation.summary import failed_summary
 from swe_sphere.testcases import get_scene
 
@@ -234,13 +234,13 @@ def test_log_lines_that_nobody_reads_do_not_end_the_run(monkeypatch):
     monkeypatch.setattr(LogLines, "PATIENCE", 0.0)
     monkeypatch.setattr(sys, "stderr", Gone())
     config = make_config({"scene": "williamson6", "ne": 2, "np": 4, "dt": 60.0, "days": 0.25})
-    assert run(config, [LogLines()]).status == "completed"
+    assert run_scene(config, [LogLines()]).status == "completed"
 
 
 def test_a_run_without_depth_has_a_picture(tmp_path):
     asked = {"scene": "williamson5", "ne": 2, "np": 4, "days": 0.1, "fields": "u,v"}
     asked |= {"out": tmp_path / "run.nc", "plot": tmp_path / "run.png"}
-    assert run(make_config(asked)).exit_status == 0 and (tmp_path / "run.png").exists()
+    assert run_scene(make_config(asked)).exit_status == 0 and (tmp_path / "run.png").exists()
 
 
 def test_a_cell_of_a_notebook_can_be_run_again(tmp_path):

@@ -13,7 +13,7 @@ from swe_sphere.io.runfile import RunFile
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.planning import automatic_step
-from swe_sphere.simulation.simulation import Simulation, run
+from swe_sphere.simulation.simulation import Simulation, run_scene
 from swe_sphere.steppers import RECOMMENDED, STEPPERS
 from swe_sphere.testcases import get_scene
 
@@ -21,7 +21,7 @@ SMALL = {"ne": 2, "np": 4, "days": 1.0, "stepper": "tr-bdf2", "dt": 7200.0}
 
 
 def small(**values):
-    return run(make_config({"scene": "williamson6", **SMALL, **values}))
+    return run_scene(make_config({"scene": "williamson6", **SMALL, **values}))
 
 
 def test_the_recommended_scheme_goes_by_two_names(tmp_path):
@@ -99,7 +99,7 @@ def test_an_automatic_step_follows_the_wind():
 def test_a_restart_knows_the_scheme_by_both_names(tmp_path):
     small(stepper="fully-implicit", days=0.5, tolerance=0.01, out=tmp_path / "a.nc")
     config = {"scene": "williamson6", "restart": tmp_path / "a.nc", "stepper": RECOMMENDED}
-    summary = run(make_config(config | {"days": 1.0}))
+    summary = run_scene(make_config(config | {"days": 1.0}))
     assert (summary.completed, summary["tolerance"]) == (True, 0.01)
 
 

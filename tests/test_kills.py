@@ -19,7 +19,7 @@ from swe_sphere.io.checkpoint import read_checkpoint
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.simulation import run
+from swe_sphere.simulation.simulation import run_scene
 
 HERE = Path(__file__).parent
 
@@ -88,9 +88,9 @@ def test_a_killed_run_goes_on_bit_for_bit(tmp_path, delay):
     steps = read_checkpoint(file).steps
     assert steps in (frames - 2, frames - 1)
     days = (steps + 3) * DT / DAY
-    run(make_config({"scene": "williamson6", "restart": file, "out": rest, "days": days}))
+    run_scene(make_config({"scene": "williamson6", "restart": file, "out": rest, "days": days}))
     asked = {"ne": 2, "np": 4, "dt": DT, "every": DT / 3600.0, "days": days}
-    run(make_config({"scene": "williamson6", **asked, "out": whole}))
+    run_scene(make_config({"scene": "williamson6", **asked, "out": whole}))
     assert RunFile(rest).times[-1] == RunFile(whole).times[-1]
     for name, values in RunFile(whole).frame().items():
         assert RunFile(rest).frame()[name].tobytes() == values.tobytes()

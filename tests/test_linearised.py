@@ -11,7 +11,7 @@ from cartesian import Cartesian
 from manufactured import DURATION, MESH, STEPS, answer, manufactured, tight
 from support import IMPLICIT, advance, make_scene, random_state, relative, some, tangent, tendency
 
-from swe_sphere.equations.effects import Linearised, Tracers
+from swe_sphere.equations.effects import LinearisedDynamics, Tracers
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.simulation import Simulation
@@ -159,7 +159,7 @@ def test_depths_of_reference_are_those_of_the_base() -> None:
 
 def test_what_does_not_go_together() -> None:
     with pytest.raises(ConfigError, match="needs the function 'base'"):
-        replace(make_scene("pressure"), effects=(Linearised(),))
+        replace(make_scene("pressure"), effects=(LinearisedDynamics(),))
     with pytest.raises(ConfigError, match="leave out linearised"):
         make_scene("wind", "linearised")
     scene = make_scene("pressure", "linearised")

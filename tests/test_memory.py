@@ -21,14 +21,14 @@ from swe_sphere.testcases import get_scene
 MEASURE = """
 import ctypes, gc, json, re, sys
 from pathlib import Path
-from swe_sphere.simulation.simulation import run
+from swe_sphere.simulation.simulation import run_scene
 from swe_sphere.simulation.config import make_config
 
 def peak():
     return 1024.0 * float(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1])
 
 given = json.loads(sys.argv[1])
-run(make_config(given | {"ne": 2}))
+run_scene(make_config(given | {"ne": 2}))
 gc.collect()
 try:
     ctypes.CDLL(None).malloc_trim(0)
@@ -36,7 +36,7 @@ try:
 except (OSError, AttributeError):
     sys.exit(3)
 before = peak()
-run(make_config(given))
+run_scene(make_config(given))
 print(peak() - before)
 """
 

@@ -14,17 +14,17 @@ from swe_sphere.io.checkpoint import checkpoint_path, read_checkpoint
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.planet import HOUR
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.simulation import run
+from swe_sphere.simulation.simulation import run_scene
 
 SMALL = {"scene": "williamson6", "ne": 2, "np": 4, "dt": 1800.0, "every": 3.0, "days": 0.5}
 
 
 def small(**values):
-    return run(make_config(SMALL | values))
+    return run_scene(make_config(SMALL | values))
 
 
 def go_on(file, **values):
-    return run(make_config({"scene": SMALL["scene"], "restart": file, "out": file, **values}))
+    return run_scene(make_config({"scene": SMALL["scene"], "restart": file, "out": file, **values}))
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +82,7 @@ def test_a_checkpoint_without_its_frames_is_not_replaced(finished):
         small(out=finished)
     assert kept.read_bytes() == before
     onwards = {"scene": SMALL["scene"], "restart": kept, "out": finished, "days": 1.0}
-    assert run(make_config(onwards)).completed
+    assert run_scene(make_config(onwards)).completed
 
 
 def test_the_program_refuses_in_one_line(finished, capsys):
@@ -109,7 +109,7 @@ def test_a_run_goes_on_in_its_own_file(finished, tmp_path, beside):
     """Frame by frame as if it had never stopped; the summary is that of the whole."""
     run_id = RunFile(finished).attributes["run_id"]
     file = checkpoint_path(finished) if beside else finished
-    longer = run(
+    longer = run_scene(
         make_config({"scene": "williamson6", "restart": file, "out": finished, "days": 1.0})
     )
     whole = small(days=1.0, out=tmp_path / "whole.nc")
@@ -168,7 +168,7 @@ def test_a_checkpoint_of_another_run_is_refused(finished, tmp_path):
     before = finished.read_bytes()
     for file in (finished, checkpoint_path(finished)):
         with pytest.raises(ConfigError, match="checkpoint of another run"):
-            run(make_config({"scene": "williamson6", "restart": file, "out": finished}))
+            run_scene(make_config({"scene": "williamson6", "restart": file, "out": finished}))
     assert finished.read_bytes() == before
 
 

@@ -16,7 +16,7 @@ import xarray as xr
 from swe_sphere.cli.main import main
 from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.simulation.config import load_config, make_config
-from swe_sphere.simulation.simulation import run
+from swe_sphere.simulation.simulation import run_scene
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -33,7 +33,7 @@ FIRST_LINES, SCENE = re.findall(
 def test_the_scene_runs_and_stays_in_balance(tmp_path):
     (tmp_path / "my_flow.py").write_text(SCENE)
     config = make_config({"scene": str(tmp_path / "my_flow.py"), "days": 0.5, "ne": 4})
-    assert run(config)["l2_h"] < 1e-3
+    assert run_scene(config)["l2_h"] < 1e-3
 
 
 def test_the_script_runs(tmp_path, monkeypatch, capsys):
@@ -148,7 +148,7 @@ def files_of_the_reader(tmp_path_factory):
     shutil.copy(ROOT / "tests" / "data" / "analysis.nc", folder)
     for name, days in (("a.nc", 0.01), ("b.nc", 0.01), ("earlier.nc", 0.25)):
         short = {"scene": "williamson2", "ne": 2, "np": 4, "days": days, "every": 6.0}
-        run(make_config(short | {"out": str(folder / name)}))
+        run_scene(make_config(short | {"out": str(folder / name)}))
     return folder
 
 

@@ -12,7 +12,7 @@ import pytest
 from swe_sphere.equations.effects import Viscosity
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.simulation import run
+from swe_sphere.simulation.simulation import run_scene
 from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.user_scenes import checked
 
@@ -114,10 +114,10 @@ def test_a_scene_in_a_file_knows_its_parameters(tmp_path: Path) -> None:
     assert get_scene(path).parameters == {"speed": 20.0}
     assert get_scene(path, speed="30").parameters == {"speed": 30.0}
     small = {"scene": path, "ne": 2, "np": 4}
-    run(make_config(small | {"days": 0.1, "out": tmp_path / "a.nc"}))
+    run_scene(make_config(small | {"days": 0.1, "out": tmp_path / "a.nc"}))
     again = {"restart": tmp_path / "a.nc", "days": 0.2, "settings": ["scene.speed=30"]}
     with fails("scene_parameters is {'speed': 20.0} there and {'speed': 30.0} here"):
-        run(make_config(small | again))
+        run_scene(make_config(small | again))
 
 
 @pytest.mark.parametrize(

@@ -21,13 +21,13 @@ from swe_sphere.ranks.communicator import Communicator
 from swe_sphere.simulation.config import load_config, make_config
 from swe_sphere.simulation.observers import HealthCheck, Observer
 from swe_sphere.simulation.planning import RunPlan, automatic_step, continued_plan, time_plan
-from swe_sphere.simulation.simulation import Simulation, run
+from swe_sphere.simulation.simulation import Simulation, run_scene
 
 SMALL = {"ne": 2, "np": 4, "days": 1.0}
 
 
 def small(scene="williamson2", **values):
-    return run(make_config({"scene": scene, **SMALL, **values}))
+    return run_scene(make_config({"scene": scene, **SMALL, **values}))
 
 
 # --- time plan
@@ -199,7 +199,7 @@ def test_settings_reach_scene_and_effects():
 def test_too_long_a_step_is_warned_of_and_found_out():
     texts = []
     values = {"scene": "williamson2", **SMALL, "days": 20.0, "dt": 28800.0}
-    summary = run(make_config(values), warn=texts.append)
+    summary = run_scene(make_config(values), warn=texts.append)
     assert re.search(r" 3\.3\d times the stability limit", texts[0])
     assert not summary.completed and summary.exit_status == 1
     assert "take a smaller dt" in summary.reason
@@ -232,7 +232,7 @@ def test_a_restart_goes_on_bit_for_bit(tmp_path, stepper, settings):
     through = small("williamson6", **values, out=whole)
     small("williamson6", **{**values, "days": 0.5}, out=part)
     config = {"scene": "williamson6", "days": 1.0, "restart": part, "out": rest}
-    restarted = run(make_config(config))
+    restarted = run_scene(make_config(config))
     for field in ("u", "v", "h"):
         assert np.array_equal(RunFile(whole).values(field), RunFile(rest).values(field))
     same = ("dt", "steps", "rhs_evaluations", "krylov_iterations", "mass_drift", "energy_drift")
@@ -277,7 +277,7 @@ def test_a_restart_of_another_run_is_refused(tmp_path, monkeypatch, values, word
     netCDF4.Dataset("other.nc", "w").close()
     config = {"scene": "williamson6", "restart": "part.nc", "days": 1.0, **values}
     with pytest.raises(ConfigError, match=word):
-        run(make_config(config))
+        run_scene(make_config(config))
     assert (tmp_path / "part.nc").read_bytes() == before
 
 
@@ -293,14 +293,14 @@ def test_an_interrupted_run_can_be_restarted(tmp_path, number):
     handler = signal.default_int_handler  # under nohup hangups are ignored, also by runs
     before = signal.signal(number, handler)
     values = {"scene": "williamson6", **SMALL, "days": 2.0, "dt": 1800.0, "out": file}
-    summary = run(make_config(values), [Stop()])
+    summary = run_scene(make_config(values), [Stop()])
     assert signal.signal(number, before) is handler
     assert summary.exit_status == 130 and not summary.completed
     assert summary.reason.startswith("interrupted by ")
     assert 0 < summary["steps"] < 96
     assert RunFile(file).times[-1] == summary["steps"] * 1800.0
     for restart in (file, checkpoint_path(file)):
-        restarted = run(make_config({"scene": "williamson6", "restart": restart}))
+        restarted = run_scene(make_config({"scene": "williamson6", "restart": restart}))
     assert restarted["energy_drift"] == small("williamson6", days=2.0, dt=1800.0)["energy_drift"]
 
 
@@ -313,7 +313,7 @@ def test_a_run_goes_on_where_hangups_are_ignored():
 
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        assert run(make_config({"scene": "williamson6", **SMALL}), [HangUp()]).completed
+        assert run_scene(make_config({"scene": "williamson6", **SMALL}), [HangUp()]).completed
     finally:
         signal.signal(signal.SIGHUP, before)
 
@@ -339,7 +339,7 @@ def test_a_run_whose_file_is_deleted_or_cut_has_failed(tmp_path, harm, moment):
     file = tmp_path / "gone.nc"
     does = {"deleted": file.unlink, "cut short": lambda: os.truncate(file, 1000)}[harm]
     values = {"scene": "williamson6", **SMALL, "days": 2.0, "dt": 1800.0, "every": 24.0}
-    summary = run(make_config({**values, "out": file}), [Harm(does, moment)])
+    summary = run_scene(make_config({**values, "out": file}), [Harm(does, moment)])
     assert (summary.completed, summary.exit_status) == (False, 1)
     assert f"{file} was {harm}" in summary.reason and "\n" not in summary.reason
     assert summary["steps"] == {"tick": 1, "end": 96}[moment]

@@ -26,7 +26,7 @@ from swe_sphere.simulation.config import Keywords, RunConfig, make_config
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
 from swe_sphere.simulation.observers import Callback, Observer, every
 from swe_sphere.simulation.restart import OF_ONE_RUN
-from swe_sphere.simulation.simulation import Simulation, run
+from swe_sphere.simulation.simulation import Simulation, run_scene
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.stepper import Stepper
 from swe_sphere.testcases import get_scene
@@ -70,7 +70,7 @@ def test_copies_are_refused_and_checkpoints_are_what_to_take_instead(tmp_path):
 
 def test_it_is_the_run_of_the_command_line():
     summary = small().run(days=0.5)
-    plain = run(make_config({"scene": "williamson6", **SMALL, "days": 0.5}))
+    plain = run_scene(make_config({"scene": "williamson6", **SMALL, "days": 0.5}))
     same = ("steps", "dt", "rhs_evaluations", "energy", "energy_drift", "mass_drift", "stable_dt")
     assert [summary[name] for name in same] == [plain[name] for name in same]
     assert summary.completed and summary.status == "completed"
@@ -478,7 +478,9 @@ def test_a_picture_that_fails_leaves_the_numbers_of_the_run(tmp_path, monkeypatc
         raise TypeError("unexpected\nargument")
 
     monkeypatch.setattr("swe_sphere.pictures.plot.plot_file", fails)
-    summary = run(make_config({"scene": "williamson6", **SMALL, "days": 0.125, "plot": "a.pdf"}))
+    summary = run_scene(
+        make_config({"scene": "williamson6", **SMALL, "days": 0.125, "plot": "a.pdf"})
+    )
     assert (summary.completed, summary.exit_status, summary["steps"]) == (True, 1, 6)
     assert summary.reason == "cannot draw a.pdf: TypeError: unexpected argument"
 

@@ -11,7 +11,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.files import fingerprints
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.restart import run_sources
-from swe_sphere.simulation.simulation import run
+from swe_sphere.simulation.simulation import run_scene
 from swe_sphere.testcases import get_scene
 
 # --- fingerprints of sources
@@ -133,7 +133,7 @@ def part(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("flow.toml").write_text('base = "base.toml"\n')
     Path("base.toml").write_text('base = "williamson6"\ndays = 1\n')
-    run(make_config({"scene": "flow.toml", "days": 0.25, "out": "part.nc", **SMALL}))
+    run_scene(make_config({"scene": "flow.toml", "days": 0.25, "out": "part.nc", **SMALL}))
     return make_config({"scene": "flow.toml", "days": 0.5, "restart": "part.nc"})
 
 
@@ -142,10 +142,10 @@ def part(tmp_path, monkeypatch):
 )
 def test_a_restart_of_an_edited_scene_is_refused(part, file, name):
     """Also where the edit cannot be seen in the names, parameters and effects of the scene."""
-    assert run(part)["days"] == 0.5
+    assert run_scene(part)["days"] == 0.5
     Path(file).write_text(Path(file).read_text() + "# now all is different\n")
     with pytest.raises(ConfigError, match=f"^{name} is not what it was when part.nc was begun"):
-        run(part)
+        run_scene(part)
 
 
 def test_a_scene_may_be_moved_between_the_parts_of_a_run(part):
@@ -153,13 +153,13 @@ def test_a_scene_may_be_moved_between_the_parts_of_a_run(part):
     for file in ("flow.toml", "base.toml"):
         Path(file).rename(Path("new") / file)
     moved = part.model_copy(update={"scene": "new/flow.toml"})
-    assert run(moved)["days"] == 0.5
+    assert run_scene(moved)["days"] == 0.5
 
 
 def test_a_restart_with_other_code_is_told(part, monkeypatch):
     same, other = [], []
-    run(part, warn=same.append)
+    run_scene(part, warn=same.append)
     monkeypatch.setattr("swe_sphere.simulation.simulation.code_fingerprint", lambda: "other")
-    assert run(part, warn=other.append)["days"] == 0.5
+    assert run_scene(part, warn=other.append)["days"] == 0.5
     assert same == []
     assert len(other) == 1 and "part.nc was written by other code" in other[0]

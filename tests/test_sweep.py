@@ -104,12 +104,12 @@ def test_runs_are_repeated_until_their_two_shortest_times_agree(monkeypatch, agr
     times = iter([2.0, 1.0, 1.1, 1.02, 1.5, 1.4, 1.3, 1.2, 1.1])
 
     def timed(spec, *others):
-        ended, fields = execute(spec, *others)
+        ended, fields = run_timed(spec, *others)
         ended.numbers.update({"cpu_seconds": next(times)} if spec.dt == 3600.0 else {})
         return ended, fields
 
-    execute = runner.execute
-    monkeypatch.setattr(runner, "execute", timed)
+    run_timed = runner.run_timed
+    monkeypatch.setattr(runner, "run_timed", timed)
     monkeypatch.setattr(engine, "AGREE", agree)
     dataset = sweep("lauter", "rk4", dt=3600, **TINY | {"repeats": 3})
     (grid,) = rows(dataset, role="grid")["cpu"].values
@@ -179,11 +179,11 @@ def test_the_converged_run_tells_its_own_error(lauter):
 
 def test_total_errors_are_those_of_a_plain_run(lauter):
     from swe_sphere.simulation.config import make_config
-    from swe_sphere.simulation.simulation import run
+    from swe_sphere.simulation.simulation import run_scene
 
     row = rows(lauter[0], role="grid", stepper="tr-bdf2").isel(run=1)
     config = {"scene": "lauter", "ne": 2, "np": 4, "days": 0.5, "stepper": "tr-bdf2"}
-    plain = run(make_config(config | {"dt": row["dt"].item(), "every": 6}))
+    plain = run_scene(make_config(config | {"dt": row["dt"].item(), "every": 6}))
     for field in ("h", "v"):
         for norm in ("l1", "l2", "linf"):
             assert last(row, "total", field, norm) == pytest.approx(plain[f"{norm}_{field}"])
@@ -436,7 +436,7 @@ def with_noise(share, **mesh):
     """How a run ends that is repeated with noise, with a part of the stable step."""
     study = Study(make_plan({"scene": "williamson2", "steppers": "rk4", "ne": 2, "np": 4} | mesh))
     (integrator,) = study.integrators()
-    spec = integrator.run(share * integrator.stable_dt, "stability")
+    spec = integrator.spec(share * integrator.stable_dt, "stability")
     spec = replace(spec, steps=replace(spec.steps, steps=32))
     sim = integrator.space.simulation(spec.config)
     sim.begin(spec.steps)

@@ -55,7 +55,7 @@ def test_the_commands_are_understood(line, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text('scene = "lauter"\nsteppers = ["rk4"]\n')
     asked = []
-    monkeypatch.setattr("swe_sphere.cli.sweep.run_plan", lambda *of: asked.append(of) or 1 / 0)
+    monkeypatch.setattr("swe_sphere.cli.sweep.run_sweep", lambda *of: asked.append(of) or 1 / 0)
     with pytest.raises(SystemExit):
         main(line.split())
     assert len(asked) == 1

@@ -15,7 +15,7 @@ from swe_sphere.io.integrals import norms
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.simulation import run
+from swe_sphere.simulation.simulation import run_scene
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene
 
@@ -191,7 +191,7 @@ SETTINGS = {"scene": "deformational", "ne": 3, "np": 4, "dt": 3600.0, "every": 1
 def test_numbers_and_files_of_a_run_with_tracers(tmp_path):
     path = tmp_path / "run.nc"
     settings = ("scene.case=2", "tracers.limiter=true")
-    summary = run(make_config({**SETTINGS, "days": 1.0, "out": path, "settings": settings}))
+    summary = run_scene(make_config({**SETTINGS, "days": 1.0, "out": path, "settings": settings}))
     numbers = json.loads(summary.as_json())
     assert numbers["completed"] is True
     assert numbers["l2_q_gaussian_hills"] is None  # not back yet
@@ -209,7 +209,7 @@ def test_numbers_and_files_of_a_run_with_tracers(tmp_path):
 
 
 def test_errors_are_told_when_all_is_back():
-    summary = run(make_config({**SETTINGS, "days": 12.0, "settings": ("scene.case=3",)}))
+    summary = run_scene(make_config({**SETTINGS, "days": 12.0, "settings": ("scene.case=3",)}))
     assert 0.0 < summary["l2_q_gaussian_hills"] < summary["l2_q_slotted_cylinders"] < 0.1
     assert 0.0 < summary["l2_h"] < 1e-3
 
@@ -217,9 +217,9 @@ def test_errors_are_told_when_all_is_back():
 def test_a_restart_goes_on_bit_by_bit(tmp_path):
     whole, half, rest = (tmp_path / f"{name}.nc" for name in ("whole", "half", "rest"))
     settings = ("scene.case=4", "tracers.limiter=true")
-    run(make_config({**SETTINGS, "days": 2.0, "out": whole, "settings": settings}))
-    run(make_config({**SETTINGS, "days": 1.0, "out": half, "settings": settings}))
-    run(make_config({"scene": "deformational", "days": 2.0, "restart": half, "out": rest}))
+    run_scene(make_config({**SETTINGS, "days": 2.0, "out": whole, "settings": settings}))
+    run_scene(make_config({**SETTINGS, "days": 1.0, "out": half, "settings": settings}))
+    run_scene(make_config({"scene": "deformational", "days": 2.0, "restart": half, "out": rest}))
     with netCDF4.Dataset(whole) as one, netCDF4.Dataset(rest) as other:
         for name in ("h", "q_gaussian_hills", "q_slotted_cylinders"):
             assert np.array_equal(one[name][-1], other[name][-1])
@@ -231,7 +231,7 @@ def test_a_tracer_can_be_drawn_and_compared(tmp_path):
     from swe_sphere.pictures.plot import plot_file
 
     path = tmp_path / "run.nc"
-    run(make_config({**SETTINGS, "days": 0.5, "out": path}))
+    run_scene(make_config({**SETTINGS, "days": 0.5, "out": path}))
     assert plot_file(path, "q_cosine_bells").stat().st_size > 10_000
     assert compare(path, path, "q_cosine_bells")["l2"] == 0.0
     with pytest.raises(ConfigError, match="q_bells"):
@@ -241,7 +241,7 @@ def test_a_tracer_can_be_drawn_and_compared(tmp_path):
 def test_the_table_tells_of_tracers_and_not_of_the_energy_of_a_given_wind():
     """Errors at the end of the period, when they are known; drifts of energy mean nothing."""
     short = {"scene": "deformational", "ne": 2, "np": 4, "dt": 7200.0}
-    summary = run(make_config(short))
+    summary = run_scene(make_config(short))
     rows = dict(summary.rows())
     assert {name for name in rows if name.startswith("tracer ")} == {
         "tracer gaussian_hills", "tracer cosine_bells", "tracer correlated",
@@ -252,5 +252,5 @@ def test_the_table_tells_of_tracers_and_not_of_the_energy_of_a_given_wind():
     assert rows["drift"].startswith("mass ") and "energy" not in rows["drift"]
     for name in ("energy_drift", "enstrophy_drift"):
         assert summary.as_dict()[name] is None
-    before = dict(run(make_config(short | {"days": 1.0})).rows())
+    before = dict(run_scene(make_config(short | {"days": 1.0})).rows())
     assert before["tracer cosine_bells"].startswith("min ")

@@ -21,7 +21,7 @@ from swe_sphere.io.reference_solution import compare
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.simulation import run
+from swe_sphere.simulation.simulation import run_scene
 
 from .support import thorough
 
@@ -29,7 +29,7 @@ SMALL = {"scene": "williamson6", "ne": 2, "np": 4, "dt": 1800.0, "every": 3.0}
 
 
 def small(**values):
-    return run(make_config(SMALL | values))
+    return run_scene(make_config(SMALL | values))
 
 
 @pytest.fixture(scope="module")
@@ -82,9 +82,11 @@ def test_a_run_goes_on_in_its_own_store(whole, tmp_path, behind):
     assert small(days=0.25, out=store).completed
     if behind:
         checkpoint = (tmp_path / "jet.zarr.restart").read_bytes()
-        run(make_config({"scene": "williamson6", "restart": store, "out": store, "days": 0.375}))
+        run_scene(
+            make_config({"scene": "williamson6", "restart": store, "out": store, "days": 0.375})
+        )
         (tmp_path / "jet.zarr.restart").write_bytes(checkpoint)
-    run(make_config({"scene": "williamson6", "restart": store, "out": store, "days": 0.5}))
+    run_scene(make_config({"scene": "williamson6", "restart": store, "out": store, "days": 0.5}))
     found, expected = open_run(store), open_run(whole[1])
     for name in ("time", "h", "u", "v"):
         assert found[name].values.tobytes() == expected[name].values.tobytes(), name

@@ -32,7 +32,7 @@ from swe_sphere.simulation.config import RunConfig, load_config, make_config
 from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.simulation.observers import LogLines, ProgressBar
 from swe_sphere.simulation.restart import read_restart
-from swe_sphere.simulation.simulation import run as run_scene
+from swe_sphere.simulation.simulation import run_scene
 from swe_sphere.simulation.summary import Summary, failed_summary
 
 NOISE = (

@@ -21,7 +21,7 @@ from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.studies.advise import Question
 from swe_sphere.studies.advise import advise as advice_on
 from swe_sphere.studies.pages import check_ours
-from swe_sphere.studies.sweep import SweepPlan, SweepWatcher, make_plan, run_plan
+from swe_sphere.studies.sweep import SweepPlan, SweepWatcher, make_plan, run_sweep
 from swe_sphere.studies.sweep.record import HEADER, RUNS, runs_of, write_dataset
 from swe_sphere.studies.sweep.sweep_plan import Recipe, folder_of, load_recipe
 
@@ -137,7 +137,7 @@ def _carried_out(plan: SweepPlan, folder: Path, quiet: bool) -> xr.Dataset:
     end = "the same command resumes the sweep"
     interrupted = f"interrupted by Ctrl-C; {folder} keeps all finished runs; {end}"
     with _watched(plan.scene, quiet, interrupted) as terminal:
-        return run_plan(plan, folder, terminal)
+        return run_sweep(plan, folder, terminal)
 
 
 def _show_sweep(dataset: xr.Dataset) -> None:

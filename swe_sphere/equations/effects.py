@@ -190,7 +190,7 @@ class Tracers(Effect):
 
 
 @dataclass(frozen=True)
-class Linearised(Effect):
+class LinearisedDynamics(Effect):
     """The derivative of all effects but forcing at the flow `Scene.base` replaces the effects.
 
     d state/dt = F'(base) (state - base) + forcing. The state is still the whole flow, and the base

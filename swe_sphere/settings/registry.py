@@ -10,13 +10,13 @@ from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.user_file import file_contents, is_user_file, load_file
 
 
-class Named(Protocol):
+class RegistryEntry(Protocol):
     """A class with a name that users type."""
 
     name: ClassVar[str]
 
 
-T = TypeVar("T", bound=Named)
+T = TypeVar("T", bound=RegistryEntry)
 
 
 def first_line(documented: Any) -> str:

@@ -91,7 +91,7 @@ class Loop:
         self._is_late = False
         self._last_tick = 0.0
 
-    def run(self) -> None:
+    def step_to_end(self) -> None:
         """Step to the end; the state is always that after a whole step.
 
         Raises RunFailed if a stepper or an observer fails, or the time limit is reached, and

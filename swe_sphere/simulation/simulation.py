@@ -427,7 +427,7 @@ class Simulation:
                     stack.callback(self._end, observer)
                 _ = self.snapshot.own  # a diagnostic that fails does so before the first step
                 with users_code(), nullcontext() if interruption else noted:
-                    Loop(self, observers, time_limit, noted, since).run()
+                    Loop(self, observers, time_limit, noted, since).step_to_end()
                 _ = self.diagnostics  # one that fails ends the run like other errors
                 self.outcome = Summary()
             except (Interrupted, SweError, *BREAKDOWNS) as error:
@@ -799,7 +799,7 @@ def _begun(value: T | None) -> T:
     return value
 
 
-def run(
+def run_scene(
     config: RunConfig, observers: Iterable[Observer] = (), warn: Warn = lambda text: None
 ) -> Summary:
     """Run a scene; the summary states how the run ended, also where it stopped early.

@@ -69,7 +69,7 @@ NOTHING_BUT_WIND = 1.0
 """Ratio of wind to wave speed that stands for a flow without gravity waves."""
 
 
-class FlowLimited(Stepper):
+class FlowLimitStepper(Stepper):
     """A stepper whose steps are limited by waves and wind together."""
 
     reach = 4.0

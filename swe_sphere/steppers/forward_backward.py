@@ -23,7 +23,7 @@ from swe_sphere.kernels.pointwise import pointwise_sum
 from swe_sphere.kernels.simd.stages import levels_struct
 from swe_sphere.operators.launch import REMEMBERED, in_runs
 from swe_sphere.operators.tendency import fill
-from swe_sphere.steppers.flow_limit import NOTHING_BUT_WIND, FlowLimited, wind_share
+from swe_sphere.steppers.flow_limit import NOTHING_BUT_WIND, FlowLimitStepper, wind_share
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.steppers.stability import Complex
 
@@ -188,7 +188,7 @@ STRONG = 0.139
 longer steps."""
 
 
-class SplitExplicit(FlowLimited):
+class SplitExplicit(FlowLimitStepper):
     """A stepper whose evaluations are one pass for the depth and then one for the wind.
 
     Drag and relaxation are evaluated at the start of a step. After other changes of the state
@@ -293,7 +293,7 @@ class ForwardBackward(SplitExplicit):
 
     @classmethod
     def propagator(cls, share: float, wave: Complex, wind: Complex, loss: Complex) -> Complex:
-        """Return the change (..., 6, 6) of three levels of (h' sqrt(g/H), u); see `FlowLimited`."""
+        """Return the change (..., 6, 6) of (h' sqrt(g/H), u) on three levels; see the base."""
         turn, mass, depth = map(np.array, level_weights(*cls.weights_in(share)))
         h, u = np.eye(6).reshape(2, 3, 6)
         new = (1.0 + loss) * h[0] - wind * (mass @ h) - wave * (turn @ u)
@@ -356,7 +356,7 @@ class ForwardBackwardRK3(SplitExplicit):
 
     @classmethod
     def propagator(cls, share: float, wave: Complex, wind: Complex, loss: Complex) -> Complex:
-        """Return the change (..., 2, 2) of (h' sqrt(g/H), u) by a step; see `FlowLimited`."""
+        """Return the change (..., 2, 2) of (h' sqrt(g/H), u) by a step; see the base class."""
         start_h, start_u = h, u = np.eye(2, dtype=complex)
         for fraction, (a_new, a_now, a_last) in zip(cls.fractions, cls._rows(), strict=True):
             new = start_h + fraction * (loss * start_h - wind * h - wave * u)

@@ -15,7 +15,7 @@ from swe_sphere.kernels.assembly import drift, kick
 from swe_sphere.kernels.dynamics import gradient, transport
 from swe_sphere.kernels.local import field_kernel
 from swe_sphere.solvers.gravity_waves import INERTIAL
-from swe_sphere.steppers.flow_limit import FlowLimited, strongest_advection, wind_share
+from swe_sphere.steppers.flow_limit import FlowLimitStepper, strongest_advection, wind_share
 from swe_sphere.steppers.imex_runge_kutta import scaled_rows
 from swe_sphere.steppers.stability import Complex, Rows, tableau
 from swe_sphere.steppers.stepper import read_methods
@@ -27,7 +27,7 @@ ANGLE = 1.2
 """Largest phase change [rad] of the fastest gravity wave in a sub-step."""
 
 
-class InfinitesimalStep(FlowLimited):
+class InfinitesimalStep(FlowLimitStepper):
     """Multirate infinitesimal step: the stages of a Runge-Kutta method are flows of the waves.
 
     Wensch, Knoth & Galant 2009, Knoth & Wensch 2014 (doi:10.1175/MWR-D-13-00068.1; source of the
@@ -121,7 +121,7 @@ class InfinitesimalStep(FlowLimited):
 
     @classmethod
     def propagator(cls, share: float, wave: Complex, wind: Complex, loss: Complex) -> Complex:
-        """Return the change (..., 2, 2) of (h' sqrt(g/H), u) by a step; see `FlowLimited`."""
+        """Return the change (..., 2, 2) of (h' sqrt(g/H), u) by a step; see the base class."""
         alpha, beta, gamma = cls._matrices()
         x, z, damped = np.eye(2), wave[..., None], (loss - wind)[..., None]
         changes, slopes = np.zeros((2, STAGES, *wave.shape[:-1], 2, 2), complex)

@@ -17,7 +17,7 @@ from swe_sphere.planet import DAY
 from swe_sphere.settings.values import flag_of
 from swe_sphere.simulation.config import Days, Number, Positive, RunConfig, make_config
 from swe_sphere.steppers import get_stepper
-from swe_sphere.studies.sweep import SweepWatcher, make_plan, run_plan
+from swe_sphere.studies.sweep import SweepWatcher, make_plan, run_sweep
 from swe_sphere.studies.sweep.runs import Discretisation
 from swe_sphere.studies.sweep.sweep_plan import stepper_names
 
@@ -99,7 +99,7 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
         "target_error": target, "target_kind": "slow" if slow else "time", "slow": slow,
     })  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
-        dataset = run_plan(plan, Path(folder), watcher)
+        dataset = run_sweep(plan, Path(folder), watcher)
     own = float(dataset.attrs["converged_check"])
     if not target >= own:
         raise ConfigError(

@@ -24,7 +24,7 @@ from swe_sphere.simulation.build import make_scene
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.simulation.restart import run_sources
-from swe_sphere.simulation.simulation import run
+from swe_sphere.simulation.simulation import run_scene
 
 MARKS = ("day,spread [", "made by swe-sphere ensemble")
 """Parts of the table and of the picture of a spread, by which they are recognised."""
@@ -73,7 +73,7 @@ def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], No
             begun = checkpoint_path(out).exists()
             resumed = {"restart": out, "days": days} if begun else {"overwrite": True}
             member = member.model_copy(update=resumed)
-    summary = run(member)
+    summary = run_scene(member)
     if summary.status == "interrupted":
         raise Interrupted(f"seed {seed}: {summary.reason}; the same command runs the others")
     if not summary.completed:

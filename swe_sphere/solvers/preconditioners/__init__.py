@@ -8,8 +8,8 @@ from swe_sphere.equations.model import Model
 from swe_sphere.solvers.preconditioners.preconditioner import (
     COSTS,
     PRECONDITIONERS,
+    IdentityPreconditioner,
     Preconditioner,
-    Unpreconditioned,
 )
 
 __all__ = ["PRECONDITIONERS", "Preconditioner", "make_preconditioner"]
@@ -27,7 +27,7 @@ def make_preconditioner(
     no such preconditioner, or not exactly one in the file; see `Registry.find`.
     """
     kind = PRECONDITIONERS.find(which)
-    if kind is Unpreconditioned or model.scene.wind is not None:
+    if kind is IdentityPreconditioner or model.scene.wind is not None:
         return None
     made = kind(model)  # type: ignore[call-arg]
     made.counters = model.counters

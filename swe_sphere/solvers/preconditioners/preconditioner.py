@@ -84,7 +84,7 @@ class Preconditioner(ABC):
         """Repeat that set-up; if `state` contains none, return to the initial condition."""
 
 
-class Unpreconditioned(Preconditioner):
+class IdentityPreconditioner(Preconditioner):
     """No preconditioner: `make_preconditioner` returns None for it."""
 
     name = "none"

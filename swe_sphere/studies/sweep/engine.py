@@ -99,12 +99,12 @@ def sweep(
     plan = make_plan({"scene": name, "steppers": steppers, **options}, own)
     try:
         with tempfile.TemporaryDirectory() if out is None else nullcontext(out) as folder:
-            return run_plan(plan, Path(folder), watcher, own)
+            return run_sweep(plan, Path(folder), watcher, own)
     except Interrupted as error:
         raise KeyboardInterrupt(str(error)) from None
 
 
-def run_plan(
+def run_sweep(
     plan: SweepPlan, folder: Path, watcher: SweepWatcher | None = None, own: Scene | None = None
 ) -> xr.Dataset:
     """Carry out a plan in a folder and write its dataset there; finished runs are not repeated.
@@ -252,7 +252,7 @@ class Sweep:
 
         def works(dt: float) -> bool:
             self._watcher.expect(1)
-            status = self._runner.run(integrator.run(dt, "stability")).status
+            status = self._runner.run(integrator.spec(dt, "stability")).status
             ends.add(status)
             return status == "completed"
 
@@ -297,7 +297,7 @@ class Sweep:
             return integrator.refusal
 
         def error(dt: float) -> float:
-            run = integrator.run(dt, "target")
+            run = integrator.spec(dt, "target")
             left = min(end - self._runner.spent, self._plan.time_limit or math.inf)
             if run not in tried:
                 if left <= 0.0:

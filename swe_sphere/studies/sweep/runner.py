@@ -108,7 +108,7 @@ class Snapshots(Observer):
             self.kept[self._days[snapshot.steps]] = {name: fields[name] for name in KEPT}
 
 
-def execute(
+def run_timed(
     spec: RunSpec, interruption: Interruption, time_limit: float | None, tick: Callable[[int], None]
 ) -> tuple[Summary, History]:
     """Run to the end or to a failure, timing only the steps.
@@ -270,7 +270,7 @@ class Runner:
         if spec.integrator not in self._warm and spec.refusal is None:
             self._warm.add(spec.integrator)
             compiled = warm_up(spec)
-        ended, fields = execute(spec, self.interruption, time_limit, self._watcher.tick)
+        ended, fields = run_timed(spec, self.interruption, time_limit, self._watcher.tick)
         numbers = ended.numbers
         self.spent += numbers.get("wall_seconds", 0.0)
         if "compile_seconds" in numbers:

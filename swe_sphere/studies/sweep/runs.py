@@ -373,7 +373,7 @@ class Integrator:
         """Safe fraction of the stability limit at the initial state [s]; infinite without one."""
         return self.kind.safety * self.stable_dt
 
-    def run(self, dt: float, role: Role = "grid") -> RunSpec:
+    def spec(self, dt: float, role: Role = "grid") -> RunSpec:
         """Return the run with steps of dt [s], slightly shorter if report times require it.
 
         Trials of stability keep their step: they have no report times.
@@ -397,7 +397,7 @@ class Integrator:
             steps = dt_sequence(self.safe_dt, explicit, gravity, interval, plan.levels)
         else:
             steps = [self.study.interval]
-        return [*dict.fromkeys(map(self.run, steps))]
+        return [*dict.fromkeys(map(self.spec, steps))]
 
 
 @dataclass(frozen=True)
