@@ -335,8 +335,8 @@ def test_a_store_without_a_chunk_is_not_resumed_in_place(tmp_path, monkeypatch):
     """Its frames would be copied with fill values."""
     monkeypatch.chdir(tmp_path)
     given = {"scene": "williamson2", "out": "run.zarr"}
-    run(make_config(given | {"ne": 2, "np": 4, "dt": 1800.0, "days": 0.25, "every": 1.0}))
+    run_scene(make_config(given | {"ne": 2, "np": 4, "dt": 1800.0, "days": 0.25, "every": 1.0}))
     (tmp_path / "run.zarr" / "h" / "2.0").unlink()
     with pytest.raises(ConfigError, match=r"run\.zarr is .* damaged: .* of h are missing"):
-        run(make_config(given | {"restart": "run.zarr", "days": 0.5}))
+        run_scene(make_config(given | {"restart": "run.zarr", "days": 0.5}))
     assert sorted(each.name for each in tmp_path.iterdir()) == ["run.zarr", "run.zarr.restart"]
