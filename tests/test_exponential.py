@@ -146,7 +146,7 @@ def test_products_of_the_model_against_dense_exponentials() -> None:
     """With its tangent at a rough state, on a small mesh, over some turns of the fastest waves."""
     model = Model(Mesh.build(2, 4), get_scene("williamson5"))
     state = model.initial_state()
-    jacobian, vector, out = model.linearise(state, 0.0), model.zeros(), model.zeros()
+    jacobian, vector, out = model.jacobian().update(state, 0.0), model.zeros(), model.zeros()
     columns = []
     for unit in np.eye(model.size):
         vector.assign(unit)

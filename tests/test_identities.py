@@ -70,7 +70,7 @@ def test_pressure_work_is_the_transpose_of_divergence(mesh) -> None:
     model = Model(mesh, make_scene("pressure"))
     rest = np.concatenate([np.zeros(2 * mesh.size), np.ones(mesh.size)])
     direction = random_state(model, 5)
-    jacobian = model.linearise(model.device_mesh.upload(rest), 0.0)
+    jacobian = model.jacobian().update(model.device_mesh.upload(rest), 0.0)
     out = model.zeros()
     jacobian(model.device_mesh.upload(direction), out)
     u, v, s = direction.reshape(3, -1)

@@ -12,6 +12,8 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.testcases import get_scene
 
+from .support import thorough
+
 DAY = 86400.0
 
 
@@ -77,7 +79,7 @@ def test_fields_on_another_mesh_are_those_of_the_polynomials(tmp_path):
     [
         ("tr-bdf2", {"effects": {"viscosity.nu": 1e5}}),
         ("leapfrog", {}),
-        ("semi-implicit", {"precision": "float32"}),
+        thorough("semi-implicit", {"precision": "float32"}),
         ("rk4", {"effects": {"hyperviscosity.nu": 1e16}, "dt": 200.0}),
     ],
 )

@@ -13,6 +13,8 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import get_stepper
 from swe_sphere.testcases import get_scene
 
+from .support import thorough
+
 MESH = Mesh.build(3, 4)
 
 
@@ -128,7 +130,11 @@ def test_newton_takes_the_same_steps_with_it() -> None:
 @pytest.mark.parametrize("shape", ["element", "node"])
 @pytest.mark.parametrize(
     "effects",
-    [("advection", "pressure"), ("pressure", "quadratic-drag", "hyperviscosity"), ("wind",)],
+    [
+        ("advection", "pressure"),
+        ("wind",),
+        thorough(("pressure", "quadratic-drag", "hyperviscosity")),
+    ],
     ids="+".join,
 )
 def test_two_linearisations_are_used_in_turns(effects, shape: str, kind: str) -> None:

@@ -86,7 +86,7 @@ def test_counts_do_not_grow_with_the_advective_courant_number(jet, courant: floa
 def _iterations(model, state, tau, made, name="jacobian-direct") -> int:
     """Krylov iterations for (I - tau J) d = tau F to 1e-2, prepared at the state `made`."""
     space = VectorSpace(energy_weights(model))
-    preconditioner, jacobian = make_preconditioner(name, model), model.linearise(state, 0.0)
+    preconditioner, jacobian = make_preconditioner(name, model), model.jacobian().update(state, 0.0)
     preconditioner.setup(made, tau)
 
     def operator(d, out) -> None:

@@ -60,6 +60,7 @@ def test_limits_that_are_known_in_closed_form():
     assert np.abs(turn[2]).max() < 1e-15 and np.abs(turn[0]).max() > 1e3
 
 
+@pytest.mark.thorough
 def test_the_model_follows_the_tide():
     summary = Simulation("tide", ne=2, np=8, dt=1800.0).run(days=0.25)
     assert summary["l2_v"] < 2e-4

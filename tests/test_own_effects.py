@@ -218,6 +218,7 @@ def test_the_average_vector_field_takes_it_by_the_midpoint_rule(path: Path) -> N
     assert relative(*ends, 3) < 1e-7
 
 
+@pytest.mark.thorough
 def test_what_conserves_mass_keeps_it_to_round_off(path: Path) -> None:
     """However roughly it is solved for."""
     model = Model(MESH, own(path, "stirring"))

@@ -11,7 +11,7 @@ from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.runge_kutta import RungeKutta
 from swe_sphere.steppers.stability import tableau
 
-from .support import make_scene, random_state, relative, tendency
+from .support import make_scene, random_state, relative, tendency, thorough
 from .test_tracers import rough, with_tracers
 
 FLOW = ("advection", "pressure", "rotation")
@@ -49,7 +49,7 @@ def summed(cls: type[RungeKutta], model: Model, state: np.ndarray, t: float, dt:
     [
         (FLOW, True, "element"),
         (FLOW, False, "node"),
-        ((*FLOW, "drag", "forcing"), False, "element"),
+        thorough((*FLOW, "drag", "forcing"), False, "element"),
         ((*FLOW, "linearised"), False, "element"),
         (("wind",), True, "element"),
         (("relaxation",), False, "element"),

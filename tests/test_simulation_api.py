@@ -85,6 +85,7 @@ def test_objects_are_as_good_as_their_names():
     assert made.config.ne == 2 and made.mesh is mesh
 
 
+@pytest.mark.thorough
 def test_effects_by_name_and_as_objects():
     by_name = small("williamson2", effects={"drag.linear": 1e-5}).run(days=0.25)
     added = small("williamson2", effects=[Drag(linear=1e-5)]).run(days=0.25)

@@ -112,7 +112,7 @@ def test_a_start_knows_its_frequency() -> None:
     stepper.start(model.initial_state())
     slope, bend = model.zeros(), model.zeros()
     model.tendency(stepper.state, 0.0, slope)
-    model.linearise(stepper.state, 0.0)(slope, bend)
+    model.jacobian().update(stepper.state, 0.0)(slope, bend)
     size = stepper.space.norm
     assert stepper.solver.rate == pytest.approx(size(slope), rel=1e-12)
     assert stepper.solver.frequencies[0] == pytest.approx(size(bend) / size(slope), rel=1e-2)

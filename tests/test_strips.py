@@ -59,8 +59,7 @@ def check(monkeypatch, *case, **options):
     ("name", "precision"),
     [
         *((name, "float64") for name in EXPLICIT),
-        ("rk4", "float32"),
-        *(thorough(name, "float32") for name in EXPLICIT if name != "rk4"),
+        *(thorough(name, "float32") for name in EXPLICIT),
     ],
 )
 def test_explicit_steps_have_the_same_bits(monkeypatch, waves, name, precision):
