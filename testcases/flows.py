@@ -4,7 +4,6 @@ Points are given by longitude and latitude [rad]. All formulas are finite and sm
 and at the longitude where angles wrap around.
 """
 
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,8 +15,9 @@ import numpy as np
 from swe_sphere.equations.scene import Array, Scene, State, UnsteadyState
 from swe_sphere.mesh.sphere import angle, position
 from swe_sphere.planet import EARTH
+from swe_sphere.settings.values import read_toml
 
-SCENES = tomllib.loads(Path(__file__).with_name("scenes.toml").read_text("utf-8"))
+SCENES = read_toml(Path(__file__).with_name("scenes.toml"))
 """Title, reference, recommended mesh and recommended run length of each scene, by name."""
 
 

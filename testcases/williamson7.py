@@ -16,7 +16,6 @@ These three variables have the dimensions (lat, lon) and no missing values. The 
 level of 500 hPa of a pressure dimension; other dimensions must have length 1.
 """
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,7 @@ from swe_sphere.equations.scene import Array, Scene, State
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh.sphere import global_spline
 from swe_sphere.planet import EARTH
+from swe_sphere.settings.values import read_toml
 from swe_sphere.testcases.flows import build_scene
 from swe_sphere.testcases.harmonics import (
     BalancedFlow,
@@ -42,7 +42,7 @@ DEPTH = 1e4
 """Mean depth [m] that replaces the analysis's, as in the paper."""
 DEGREE = 42
 """Highest degree of the synthetic state, as in the paper's analyses."""
-KNOWN = tomllib.loads(Path(__file__).with_name("analyses.toml").read_text("utf-8"))
+KNOWN = read_toml(Path(__file__).with_name("analyses.toml"))
 """Names of variables and of their units, and factors that take pressures to Pa."""
 
 

@@ -193,7 +193,7 @@ def found(mpi):
 
 @pytest.fixture(scope="module")
 def few(mpi):
-    """What `ranks.py` prints for `FEW` on two ranks."""
+    """Return what `ranks.py` prints for `FEW` on two ranks."""
     return fingerprints(2, {"plain": FEW})["plain"]
 
 

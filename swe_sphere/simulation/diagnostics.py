@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -32,6 +31,7 @@ from swe_sphere.io.integrals import (
 from swe_sphere.io.layout import MESH_ATTRIBUTES, TOPOLOGY, VARIABLES
 from swe_sphere.planet import DAY
 from swe_sphere.settings.registry import first_line
+from swe_sphere.settings.values import read_toml
 
 if TYPE_CHECKING:
     import warp as wp
@@ -188,7 +188,7 @@ def called(what: str, function: Callable[..., T], *arguments: Any) -> T:
         raise RunFailed(str(error)) from error
 
 
-NAMES = tomllib.loads(Path(__file__).with_name("names.toml").read_text("utf-8"))
+NAMES = read_toml(Path(__file__).with_name("names.toml"))
 """Names of values in files and summaries, which no diagnostic may have."""
 TAKEN = frozenset({
     *NAMES["keys"], *NAMES["others"], *MESH_ATTRIBUTES, *TOPOLOGY,

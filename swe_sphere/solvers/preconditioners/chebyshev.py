@@ -1,6 +1,5 @@
 """Fourth-kind Chebyshev smoothing, which requires only a bound on the largest eigenvalue."""
 
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,8 +8,9 @@ import scipy
 
 from swe_sphere.arrays import Array
 from swe_sphere.operators.schur import SchurOperator
+from swe_sphere.settings.values import read_toml
 
-OPTIMAL = tomllib.loads(Path(__file__).with_name("chebyshev.toml").read_text("utf-8"))
+OPTIMAL = read_toml(Path(__file__).with_name("chebyshev.toml"))
 """Weights beta_k by degree (Lottes 2023, doi:10.1002/nla.2518, table 1)."""
 KRYLOV_SIZE = 20
 """Number of products for the largest eigenvalue to less than a per cent; a power iteration needs

@@ -4,7 +4,6 @@ The page of a sweep and `ds.sweep` draw the same figures.
 """
 
 import math
-import tomllib
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Iterator
 from io import StringIO
@@ -18,13 +17,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
+from swe_sphere.settings.values import read_toml
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies import words
 from swe_sphere.studies.report.ranking import FAILED, Metric, with_cost
 
 INK, FAINT, PALE = "#1b1f24", "#6e7781", "#d0d7de"
 STYLE = Path(__file__).with_name("templates") / "figures.mplstyle"
-LOOKS = tomllib.loads(STYLE.with_name("looks.toml").read_text("utf-8"))
+LOOKS = read_toml(STYLE.with_name("looks.toml"))
 """Colour, marker and fill of the steppers of the package, by family."""
 CUSTOM = LOOKS.pop("custom")
 """Markers of custom steppers, which no stepper of the package has."""

@@ -4,7 +4,6 @@ import json
 import math
 import os
 import re
-import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ import pandas as pd
 from markupsafe import Markup, escape
 from xarray import Dataset
 
+from swe_sphere.settings.values import read_toml
 from swe_sphere.studies import words
 from swe_sphere.studies.pages import rendered, write_made
 from swe_sphere.studies.report.figures import Picture, error_pictures, other_pictures
@@ -124,7 +124,7 @@ def run_table(runs: pd.DataFrame, short: bool = False) -> pd.DataFrame:
 
     short: of the essential columns alone.
     """
-    known = tomllib.loads(COLUMNS.read_text(encoding="utf-8"))
+    known = read_toml(COLUMNS)
     errors = [
         {"title": f"{m.symbol} {m.kind}, day {m.day:g}", "name": m, "text": "error",
          "essential": True} for m in metrics(runs)

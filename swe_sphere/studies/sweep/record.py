@@ -6,7 +6,6 @@ import json
 import math
 import os
 import platform
-import tomllib
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,6 +21,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import write_whole
 from swe_sphere.files.fingerprints import processor, versions
 from swe_sphere.io.integrals import DRIFTS, Norms
+from swe_sphere.settings.values import read_toml
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.studies.record_store import ENDS, Record, Store, as_netcdf, read_record
 from swe_sphere.studies.sweep.runs import Role
@@ -30,7 +30,7 @@ from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 HEADER, RUNS, DATASET = "sweep.json", "runs", "sweep.nc"
 """Names of the file with the request, of the folder of the runs, of the dataset."""
 
-_ROWS = tomllib.loads(Path(__file__).with_name("rows.toml").read_text("utf-8"))
+_ROWS = read_toml(Path(__file__).with_name("rows.toml"))
 KINDS, FIELDS, NORMS = _ROWS["kinds"], _ROWS["fields"], _ROWS["norms"]
 CLOCKS = ("cpu_seconds", "wall_seconds")
 """Clocks by which runs on a CPU, and on other devices, are compared."""
