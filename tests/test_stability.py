@@ -162,6 +162,10 @@ IMEX = {
 }
 
 
+PAIR = coefficients("esdirk4", "a", "b", "embedded")
+EMBEDDED = PAIR | {"estimate_order": 4}
+
+
 @pytest.mark.parametrize(
     ("family", "order", "coefficients", "message"),
     [
@@ -221,6 +225,21 @@ IMEX = {
             1,
             IMEX | {"implicit": ((GAMMA,), (GAMMA,))},
             r"`implicit` must have \[2, 3\] numbers",
+        ),
+        ("sdirk3", 1, {"a": ((np.nan,),), "b": (1.0,)}, "`a` must have finite numbers"),
+        ("sdirk3", 1, {"a": ((1.0,),)}, "its coefficients: .* no attribute 'b'"),
+        ("sdirk3", "two", {"a": ((1.0,),), "b": (1.0,)}, "its coefficients: .*'str'"),
+        ("rk4", 1, {"a": (), "b": 1.0}, "its coefficients: .*'float'"),
+        ("esdirk4", 4, EMBEDDED | {"embedded": PAIR["embedded"][:-1]}, "`embedded` must have 6"),
+        ("esdirk4", 4, EMBEDDED | {"embedded": PAIR["b"]}, "`embedded` must have 6 weights other"),
+        ("esdirk4", 4, EMBEDDED | {"estimate_order": 9}, "`estimate_order` must be from 2 to 5"),
+        ("esdirk4", 4, EMBEDDED | {"estimate_order": 0}, "`estimate_order` must be from 2 to 5"),
+        ("esdirk4", 4, EMBEDDED | {"estimate_order": 5}, r"order 4 requires sum b .* = 1/"),
+        (
+            "esdirk4",
+            4,
+            EMBEDDED | {"embedded": (0.5, 0.2, 0.1, 0.0, 0.0, 0.0)},
+            r"order 3 requires sum b = 1, .* by -0\.2",
         ),
     ],
 )

@@ -119,9 +119,6 @@ def _by_name(
     return {name: named[name] for name in (*order, *named) if name in named}
 
 
-# --- on the terminal
-
-
 @contextmanager
 def _watched(title: str, quiet: bool, interrupted: str) -> Iterator[SweepWatcher]:
     """Show the progress of a sweep in the block; Ctrl-C stops the command with that text."""

@@ -90,17 +90,15 @@ class Halo:
                 in_place[rank] = message(into[run])
             else:
                 scattered[rank] = places
-        self._going, self._coming = Buffer(comm, flat, sends), Buffer(comm, into, scattered)
-        self._messages = comm.messages(self._going.of_rank, in_place | self._coming.of_rank)
-        self.exchanges = 0
-        """Number of exchanges so far."""
+        self.going, self._coming = Buffer(comm, flat, sends), Buffer(comm, into, scattered)
+        self._messages = comm.messages(self.going.of_rank, in_place | self._coming.of_rank)
 
     def __call__(self) -> None:
         self.start()
         self.wait()
 
     def start(self) -> None:
-        self._going.pack()
+        self.going.pack()
         between(self._device, self._start)
 
     def wait(self) -> None:
@@ -112,12 +110,6 @@ class Halo:
         if self._on_gpu:
             wp.synchronize_device(self._device)  # the device may still be packing
         self._messages.start()
-        self.exchanges += 1
-
-    @property
-    def bytes_sent(self) -> int:
-        """Number of bytes that this rank has sent so far."""
-        return self.exchanges * self._going.bytes
 
 
 LEAST = 32

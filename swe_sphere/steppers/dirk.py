@@ -42,6 +42,16 @@ class DiagonallyImplicit(ImplicitStepper):
     def complete(cls) -> None:
         matrix = checked_tableau(cls, "a")
         check_order(cls, matrix)
+        if cls.embedded is not None:
+            power = cls.estimate_order or 0
+            is_other = len(cls.embedded) == len(cls.b) and not np.allclose(cls.embedded, cls.b)
+            if not is_other or not 2 <= power <= cls.order + 1:
+                raise ConfigError(
+                    f"stepper {cls.name}: `embedded` must have {len(cls.b)} weights other than `b`,"
+                    f" and `estimate_order` must be from 2 to {cls.order + 1}, got {cls.embedded}"
+                    f" and {cls.estimate_order}"
+                )
+            check_order(cls, matrix, weights=cls.embedded, order=power - 1)
         cls.error_constant = error_constant(matrix, np.array(cls.b), cls.order)
 
     def allocate(self) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
@@ -77,7 +77,7 @@ def checked_tableau(
     """Return the matrix A of the rows in an attribute of a method with the weights `b`.
 
     Rows begin with stage `first` and end on the diagonal, or before it without `diagonal`. Raises
-    ConfigError for another number of rows, and for rows of another length.
+    ConfigError for rows of another number or length, and for numbers that are not finite.
     """
     rows, lengths = getattr(cls, attribute), range(first + diagonal, len(cls.b) + diagonal)
     fits = [n * diagonal <= len(row) <= n for row, n in zip(rows, lengths, strict=False)]
@@ -86,17 +86,23 @@ def checked_tableau(
             f"stepper {cls.name}: the rows of `{attribute}` must have {[*lengths]} numbers, as `b`"
             f" has {len(cls.b)}, got {[len(row) for row in rows]}"
         )
-    return tableau(rows, len(cls.b))
+    if not np.isfinite(found := tableau(rows, len(cls.b))).all():
+        raise ConfigError(f"stepper {cls.name}: `{attribute}` must have finite numbers, got {rows}")
+    return found
 
 
-def check_order(cls: Any, *matrices: NDArray[np.float64]) -> None:
+def check_order(
+    cls: Any, *matrices: NDArray[np.float64], weights: ArrayLike | None = None, order: int = 0
+) -> None:
     """Raise ConfigError if a method misses an order condition of its `order`, up to the fifth.
 
     matrices: A of each part of the right-hand side. A condition b . phi = 1 / density belongs to
     each rooted tree whose branches have matrices (Hairer, Norsett & Wanner 1993, II.2 and II.15).
+    weights, order: those of an embedded method, in the place of `b` and `order`.
     """
-    b, branches = np.array(cls.b), list[_Branch]()
-    for order in range(1, max(1, min(cls.order, 5)) + 1):
+    b, branches = np.array(cls.b if weights is None else weights), list[_Branch]()
+    declared = order or cls.order
+    for order in range(1, max(1, min(declared, 5)) + 1):
         grown = list[_Branch]()
         for forest in _forests(branches, order - 1):
             density = order * math.prod(branch.density for branch in forest)
@@ -107,7 +113,7 @@ def check_order(cls: Any, *matrices: NDArray[np.float64]) -> None:
             if not abs(residual) <= ROUNDING:
                 right = f"1/{density}" if text else "1"
                 raise ConfigError(
-                    f"stepper {cls.name}: order {cls.order} requires {f'sum b {text}'.strip()} ="
+                    f"stepper {cls.name}: order {declared} requires {f'sum b {text}'.strip()} ="
                     f" {right}, which its coefficients miss by {residual:.3g}"
                 )
             name = {"": "c", "c": "A c"}.get(text, f"A({text})")

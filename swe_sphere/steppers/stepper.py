@@ -212,7 +212,10 @@ class Stepper(Trajectory, ABC):
                 raise ConfigError(
                     f"stepper {cls.name}: `family` must be {' or '.join(known)}, got {cls.family!r}"
                 )
-            cls.complete()
+            try:
+                cls.complete()
+            except (AttributeError, TypeError, ValueError) as error:
+                raise ConfigError(f"stepper {cls.name}: its coefficients: {error}") from None
             STEPPERS.add(cls)
 
     @classmethod

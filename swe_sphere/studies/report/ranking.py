@@ -156,9 +156,6 @@ def metrics(runs: pd.DataFrame) -> list[Metric]:
     return [last[key] for key in product(KINDS, FIELDS) if key in last]
 
 
-# --- the best
-
-
 def candidates(runs: pd.DataFrame, metric: Metric) -> pd.DataFrame:
     """Return comparable runs: completed, of a setting, with an error."""
     return runs[runs["compared"] & runs[metric].notna()]

@@ -155,9 +155,6 @@ def note_plan(
     )
 
 
-# --- the dataset
-
-
 def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
     """Return the dataset of a sweep; rows in the order in which they were run.
 

@@ -383,8 +383,6 @@ class Evaluator:
         if self._runner.known(spec) is None:
             self._runner.keep(record)
 
-    # --- in total
-
     def _total_errors(self, space: Discretisation, history: History) -> list[Errors]:
         """The total errors alone: against a file of the day, or the exact solution at the nodes."""
         found: dict[float, Norms] = {}
