@@ -88,23 +88,30 @@ class Counted:
 
     def __init__(self, comm: Communicator) -> None:
         self._sums, self._halos, gather = Counter[str](), [], comm.gather
-        build = Halo.__init__
+        self._exchanges = Counter[Halo]()
+        build, start = Halo.__init__, Halo._start
 
         def kept(halo: Halo, comm: Communicator, flat: Any, sends: Any, *more: Any) -> None:
             build(halo, comm, flat, sends, *more)
             self._halos.append((halo, len(sends), comm.rank in sends))
 
+        def counted(halo: Halo) -> None:
+            self._exchanges[halo] += 1
+            start(halo)
+
         def counting(mine: Any, counts: Any, out: Any = None) -> Any:
             self._sums.update({"sums": 1, "sums bytes": mine.nbytes})
             return gather(mine, counts, out)
 
-        Halo.__init__, comm.gather = kept, counting  # type: ignore[method-assign]
+        Halo.__init__, Halo._start = kept, counted  # type: ignore[method-assign]
+        comm.gather = counting  # type: ignore[method-assign]
 
     def counts(self) -> Counter[str]:
         """So far."""
         found = Counter(self._sums)
         for halo, others, of_all in self._halos:
-            n, sent = halo.exchanges, halo.bytes_sent
+            n = self._exchanges[halo]
+            sent = n * halo.going.bytes
             if of_all:  # the residual of smooth coarse functions
                 found.update({"coarse": n, "coarse bytes": sent // others})
             else:
