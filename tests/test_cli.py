@@ -409,6 +409,16 @@ def test_a_plain_run_loads_neither_plots_nor_files(tmp_path):
     assert output(tmp_path, code) == "[]\n"
 
 
+def test_a_run_whose_scene_has_references_does_not_load_xarray(tmp_path):
+    code = (
+        "import sys; from swe_sphere.cli.main import main\n"
+        "try: main(['run', 'williamson5', '--ne', '2', '--days', '0.1', '--quiet'])\n"
+        "except SystemExit as end: assert end.code == 0\n"
+        "print(sorted({'matplotlib', 'xarray', 'netCDF4', 'pandas'} & sys.modules.keys()))"
+    )
+    assert output(tmp_path, code) == "[]\n"
+
+
 @pytest.mark.parametrize(
     "arguments",
     [("run", "williamson2", "--ne", "two"), ("run", "williamson2", "--nonsense", 3),

@@ -24,15 +24,17 @@ from collections.abc import Mapping
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike
 
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.files.durable import allocate, claim, release, remove, sync, take_place, write_whole
 from swe_sphere.io.layout import SERIES, SUMMARY, SUMMARY_BYTES
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 RECORDS_AT = 4
 """Offset of the number of records [bytes]."""
@@ -107,7 +109,7 @@ class GrowingFile(GrowingOutput):
             self.close()
             raise
 
-    def define(self, data: xr.Dataset) -> None:
+    def define(self, data: "xr.Dataset") -> None:
         """Write the whole constant part of the file.
 
         data: without frames; the series are its last variables, full of missing samples.
@@ -198,7 +200,7 @@ class GrowingStore(GrowingOutput):
         self._samples: list[Mapping[str, float]] = []
         self._unsynced: set[str] = set()
 
-    def define(self, data: xr.Dataset) -> None:
+    def define(self, data: "xr.Dataset") -> None:
         sizes = {**data.sizes, "time": 1}
         self._axes = {str(name): variable.dims for name, variable in data.variables.items()}
         data.isel({SERIES: slice(0)}, missing_dims="ignore").to_zarr(

@@ -5,9 +5,9 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.scene import Scene
@@ -21,6 +21,9 @@ from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.mesh.sphere import global_spline
 from swe_sphere.operators.diagnose import divergence, vorticity
 from swe_sphere.planet import DAY
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 RENAMED = {"surface_height": "surface"}
 """Names in this package of variables that have other names in references."""
@@ -132,7 +135,7 @@ class Spline:
         return self(u, -1.0), self(v, -1.0)
 
 
-def _fields(path: Path, data: xr.Dataset, index: int) -> dict[str, Array]:
+def _fields(path: Path, data: "xr.Dataset", index: int) -> dict[str, Array]:
     """Fields (M K,) by this package's names, at the time of that index if there are times."""
     there = {RENAMED.get(str(name), str(name)): one for name, one in data.variables.items()}
     return {

@@ -9,10 +9,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-import xarray as xr
 from pydantic import BaseModel, Field, PositiveFloat, ValidationError
 from scipy.io import netcdf_file
 
@@ -25,6 +24,9 @@ from swe_sphere.io.scalar_fields import Sampler, derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.settings.values import place_and_complaint, validated
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Count = Annotated[int, Field(ge=0, lt=2**53)]
 
@@ -89,7 +91,7 @@ TOLERANCE = 1e-6 * DAY
 
 
 @contextmanager
-def reading(path: str | os.PathLike[str]) -> Iterator[xr.Dataset]:
+def reading(path: str | os.PathLike[str]) -> Iterator["xr.Dataset"]:
     """Open a netCDF file or Zarr store, with values as they are stored.
 
     Raises ConfigError, in one line, for a fault of the file that appears in the block.
@@ -105,6 +107,8 @@ def reading(path: str | os.PathLike[str]) -> Iterator[xr.Dataset]:
         with warnings.catch_warnings():
             # stores of other programs may lack consolidated metadata
             warnings.filterwarnings("ignore", "Failed to open Zarr store with consolidated")
+            import xarray as xr  # takes half a second
+
             data = xr.open_dataset(path, engine=kind, decode_cf=False)
         with data:
             yield data
@@ -134,7 +138,7 @@ def check_length(path: Path) -> None:
     raise ValueError("it ends within its data")
 
 
-def checked(path: Path, name: str, variable: xr.Variable) -> Array:
+def checked(path: Path, name: str, variable: "xr.Variable") -> Array:
     """Return the values of a variable; raises ConfigError if a known field lacks a value."""
     values: Array = variable.values
     if name in FINITE or name.startswith(TRACER):

@@ -82,9 +82,6 @@ def _stepped(case: Case, sim: Simulation, tick: Tick | None, *observers: Observe
     return stepped(sim, [*observers, Ticker(show)], case.seconds)
 
 
-# --- errors, integrals and extremes
-
-
 def _errors(case: Case, run: RunConfig, tick: Tick | None) -> Summary:
     """Run a case and measure the following quantities, as far as they are defined.
 
@@ -172,8 +169,6 @@ def _errors_against(sim: Simulation, case: Case) -> dict[str, float]:
         "max_h": float(np.abs(off).max()),
     }
 
-
-# --- series of samples
 
 SAMPLES = 120
 """About how many samples of a run are taken."""
