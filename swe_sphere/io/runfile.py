@@ -96,6 +96,8 @@ def reading(path: str | os.PathLike[str]) -> Iterator["xr.Dataset"]:
 
     Raises ConfigError, in one line, for a fault of the file that appears in the block.
     """
+    import xarray as xr  # takes half a second
+
     with clear_errors(f"cannot read {path}"):
         check_moved(Path(path))
         kind = engine(Path(path))
@@ -107,8 +109,6 @@ def reading(path: str | os.PathLike[str]) -> Iterator["xr.Dataset"]:
         with warnings.catch_warnings():
             # stores of other programs may lack consolidated metadata
             warnings.filterwarnings("ignore", "Failed to open Zarr store with consolidated")
-            import xarray as xr  # takes half a second
-
             data = xr.open_dataset(path, engine=kind, decode_cf=False)
         with data:
             yield data

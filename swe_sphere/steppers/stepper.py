@@ -215,7 +215,7 @@ class Stepper(Trajectory, ABC):
             try:
                 cls.complete()
             except (AttributeError, TypeError, ValueError) as error:
-                raise ConfigError(f"stepper {cls.name}: its coefficients: {error}") from None
+                raise ConfigError(f"stepper {cls.name}: invalid coefficients: {error}") from None
             STEPPERS.add(cls)
 
     @classmethod
