@@ -200,18 +200,45 @@ def test_it_takes_part_in_a_step_of_every_stepper():
 
 
 @pytest.mark.parametrize("name", IMPLICIT)
-def test_implicit_steppers_solve_equations_without_it(mesh, name):
-    """Products with the Jacobian launch what they do without it, to second order in time."""
+def test_stages_contain_it_only_where_it_is_not_split(mesh, name):
+    """Elsewhere products with the Jacobian launch the same kernels as without the penalty."""
     names = "pressure", "rotation"
     model, plain = penalised(mesh, *names), Model(mesh, make_scene(*names))
     dt = 0.5 / model.penalty_radius
     stepper = STEPPERS[name](model, dt)
     launched = [
         len(each.right_hand_side("tangent", base=each.zeros()).operations)
-        for each in (stepper.model, plain)
+        for each in (stepper.model, plain, model)
     ]
-    first_order = name == "gauss-legendre" or stepper.order == 1
-    assert launched[0] == launched[1] and stepper.order_in(model) == 2 - first_order
+    splits = name not in ("gauss-legendre", "esdirk4")
+    assert launched[0] == launched[1 if splits else 2] and launched[1] < launched[2]
+    assert stepper.order_in(model) == (min(stepper.order, 2) if splits else 4)
+
+
+@pytest.mark.parametrize("name", ["esdirk4", "gauss-legendre"])
+def test_separate_diffusion_leaves_it_in_the_stages(mesh, name):
+    scene = make_scene("pressure", "hyperviscosity").with_effect(EFFECT)
+    stepper = STEPPERS[name](Model(mesh, scene), 600.0, diffusion="apart")
+    assert stepper.model.penalised and not stepper.model.diffusive
+    assert stepper.diffusion is not None and stepper.penalty is None
+
+
+@pytest.mark.parametrize("reach", [0.2, 0.74, 2.0, 6.0])
+@pytest.mark.parametrize("name", IMPLICIT)
+def test_waves_of_any_phase_decay(name, reach):
+    """Inertial waves of up to 4.4 radians a step: a rate that leads them would amplify them."""
+    mesh, dt = Mesh.build(2, 4), 30000.0
+    unit = Model(mesh, make_scene("rotation").with_effect(EdgePenalty(1.0, SPEED)))
+    strength = reach / (dt * unit.penalty_radius)
+    model = Model(mesh, make_scene("rotation").with_effect(EdgePenalty(strength, SPEED)))
+    stepper = STEPPERS[name](model, dt)
+    stepper.start(model.device_mesh.upload(random_state(model)))
+    energies = []
+    for _ in range(61):
+        u, v, _ = np.split(stepper.state.numpy(), 3)
+        energies.append(np.sum(mesh.area * (u**2 + v**2)))
+        stepper.step()
+    assert max(energies[20:]) < energies[0] and energies[60] <= energies[40] * (1.0 + 1e-9)
 
 
 @pytest.mark.parametrize("name", some(["tr-bdf2", "bdf2", "esdirk4", "average-vector-field"]))

@@ -267,7 +267,7 @@ def test_command_writes_page_and_numbers(tmp_path, capsys) -> None:
     with pytest.raises(SystemExit) as end:
         main(["verify", "--quick", "--scenes", "stepper-rk4, start-lauter", "--out", str(tmp_path)])
     assert end.value.code == 0
-    assert "3 passed, 0 refused, 0 broke, 0 failed" in capsys.readouterr().out
+    assert "3 passed, 0 refused, 0 stopped, 0 broke, 0 failed" in capsys.readouterr().out
     numbers = json.loads((tmp_path / "verification.json").read_text())
     assert [row["case"] for row in numbers["rows"]] == ["start-lauter", *2 * ["stepper-rk4"]]
     assert "| stepper-rk4 |" in (tmp_path / "verification.md").read_text()
@@ -303,7 +303,7 @@ def test_an_interrupted_command_goes_on_after_the_last_run(tmp_path, capsys, mon
     with pytest.raises(SystemExit) as end:
         main([*line, "--resume"])
     assert end.value.code == 0
-    assert "3 passed, 0 refused, 0 broke, 0 failed" in capsys.readouterr().out
+    assert "3 passed, 0 refused, 0 stopped, 0 broke, 0 failed" in capsys.readouterr().out
     assert begun == [*begun[:3], begun[2]]
     there = sorted(path.name for path in tmp_path.iterdir())
     assert there == ["verification.json", "verification.md"]

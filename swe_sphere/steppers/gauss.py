@@ -126,7 +126,7 @@ class GaussLegendre(ImplicitStepper):
     error_constant = error_constant(np.array(A), np.array(B), order)
 
     equations = CoupledStages
-    penalised_at = 0.0  # fast waves, which the method does not damp, must not be extrapolated
+    splits_penalty = False
     memory = "state", "slopes"  # slopes of the last step
 
     def allocate(self) -> None:
@@ -135,10 +135,6 @@ class GaussLegendre(ImplicitStepper):
         self._pair = self.solver.problem.space.zeros()
         # solved stages less the state: exactly zero at rest
         self._changes = self._pair.reshape((len(C), self.space.n))
-
-    @classmethod
-    def order_in(cls, model: Model, **options: Any) -> int:
-        return 1 if model.penalised else super().order_in(model, **options)
 
     def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
         stages = split(self._pair)

@@ -278,12 +278,13 @@ class ImplicitStepper(VariableStepper):
         if diffusion not in DIFFUSION:
             raise ConfigError(f"diffusion must be {' or '.join(DIFFUSION)}, got {diffusion!r}")
         self.diffusion_apart = diffusion == "apart"
-        self._held = HeldPenalty(model, dt) if model.penalised else None
+        is_held = model.penalised and self.splits_penalty
+        self._held = HeldPenalty(model, dt) if is_held else None
         if self._held is not None:
             model = model.unpenalised(self._held.rate)
         solver = solver or NewtonStages(
-            model.inviscid if self.diffusion_apart else model, self.solver_tolerance(tolerance),
-            preconditioner, self.equations,
+            self.stage_model(model), self.solver_tolerance(tolerance), preconditioner,
+            self.equations,
         )  # fmt: skip
         super().__init__(model, dt, solver)
         self.allocate()

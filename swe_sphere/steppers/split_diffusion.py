@@ -189,11 +189,12 @@ class HeldPenalty:
     def find(self, state: wp.array, slope: wp.array, ahead: float, dt: float) -> None:
         """Find the rate for a step of dt [s], at the state extrapolated over `ahead` [s].
 
-        Long steps, which would overshoot, use the mean rate of a step of the penalty.
+        Long steps, which would overshoot, use the mean rate of a step of the penalty, at a state
+        extrapolated less the longer they are: otherwise waves near the grid scale would grow.
         """
         combine, rate, end = self._model.launch.combine, self.rate, self._end
         penalise, reach = self._model.penalise, dt * self._model.penalty_radius
-        combine(state, slope, ahead, out=self._point)
+        combine(state, slope, ahead * min(1.0, math.exp(HELD - reach)), out=self._point)
         rate.zero_()
         if reach <= HELD:
             penalise(self._point, 1.0, rate, rate)

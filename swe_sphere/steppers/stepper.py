@@ -176,6 +176,9 @@ class Stepper(Trajectory, ABC):
     """True if diffusion is applied separately, so that it limits no step."""
     diffusion_steps: ClassVar[int | None] = None
     """Steps over which `advance` includes `diffusion` in its change; None: `step` splits it off."""
+    splits_penalty: ClassVar[bool] = True
+    """False if stages contain the edge penalty.  Split from them, it would amplify waves that a
+    step turns by more than pi and hardly damps."""
     diffusion_order: ClassVar[int] = 2
     """Order of separate diffusion; one above the order of the splitting gains nothing."""
     levels: ClassVar[tuple[str, ...]] = ()
@@ -231,14 +234,20 @@ class Stepper(Trajectory, ABC):
         if self.diffusion_apart and model.diffusive:
             whole = dt * (self.diffusion_steps or 1)
             self.diffusion = Diffusion(model, whole, self.diffusion_order)
-        if model.penalised:
+        if model.penalised and self.splits_penalty:
             self.penalty = SplitPenalty(model, dt, self.diffusion_steps)
-        self.model = model.inviscid if self.diffusion_apart else model.unpenalised()
+        self.model = self.stage_model(model)
         self._apart = self.diffusion if self.diffusion_steps is None else None
         self._replay: Replay | None = None
         if self.repeats_from is not None and model.scene.autonomous:
             custom = is_custom(type(self))
             self._replay = CheckedReplay(self) if custom else Replay(model.launch, model.counters)
+
+    def stage_model(self, model: Model) -> Model:
+        """Return the model without effects that are split from the stages."""
+        if self.splits_penalty:
+            return model.inviscid if self.diffusion_apart else model.unpenalised()
+        return model.without(lambda effect: effect.diffuses) if self.diffusion_apart else model
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
         self.check_names()
@@ -341,7 +350,7 @@ class Stepper(Trajectory, ABC):
         if model.penalised and cls.diffusion_steps:
             return 1
         apart = cls.diffusion_apart or options.get("diffusion") == "apart"
-        limited = model.penalised or (apart and model.diffusive)
+        limited = (model.penalised and cls.splits_penalty) or (apart and model.diffusive)
         return min(cls.order, cls.diffusion_order) if limited else cls.order
 
     def solver_tolerance(self, tolerance: float | None) -> float:

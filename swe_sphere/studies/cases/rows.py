@@ -22,7 +22,7 @@ from swe_sphere.studies.jobs import in_processes
 from swe_sphere.studies.pages import rendered
 from swe_sphere.studies.record_store import STOPPED, Store
 
-OUTCOMES = ("passed", "refused", "broke", "failed")
+OUTCOMES = ("passed", "refused", "stopped", "broke", "failed")
 QUANTITIES = read_toml(Path(__file__).with_name("quantities.toml"))
 """Labels and digits worth showing of quantities that need them, and names of observed orders."""
 ORDERS = {name: of["order"] for name, of in QUANTITIES.items() if "order" in of}
@@ -102,7 +102,7 @@ class Row:
         reasons = [str(check) for check in counted if not check.holds]
         if reasons or (stopped and expect == "pass"):
             return ("broke" if expect == "break" else "failed"), [*reasons, reason]
-        return ("refused" if stopped else "passed"), [reason]
+        return {"completed": "passed", "refused": "refused"}.get(status, "stopped"), [reason]
 
     @property
     def outcome(self) -> str:
@@ -229,7 +229,7 @@ def page(folder: str, rows: Sequence[Row], command: str) -> str:
             table = table.loc[:, (table != "").any()]
             reasons: dict[str, list[str]] = {}
             for row in mine:
-                if row.reason and row.outcome != "refused":
+                if row.reason and row.outcome not in ("refused", "stopped"):
                     reasons.setdefault(f"{row.outcome}: {row.reason}", []).append(row.case.name)
             cases = {row.case.name: row.case for row in mine}
             sections.append((family, [*table], table.values, mine, cases, reasons))
