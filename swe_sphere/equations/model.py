@@ -132,8 +132,6 @@ class Model(DiscreteScene):
         other._carry(carries_flux)
         return other
 
-    # --- states
-
     def zeros(self, size: int | None = None) -> wp.array:
         """Return a state of zeros, or zeros (size,)."""
         return super().zeros(self.size if size is None else size)
@@ -187,8 +185,6 @@ class Model(DiscreteScene):
             f"q_{name}": fields[f"hq_{name}"] / fields["h"] for name in self.scene.tracers or ()
         }
         return fields | ratios
-
-    # --- right-hand sides
 
     def right_hand_side(
         self, component: str = "all", *, stage: tuple[wp.array, float] | None = None,

@@ -250,8 +250,6 @@ class Simulation:
             check_trusted(scene, resumed.path, trust)
         return cls(scene, resumed=resumed, **settings)
 
-    # --- what it is made of
-
     @property
     def days(self) -> float:
         """Length of the whole run [days], as configured or as the scene recommends."""
@@ -299,8 +297,6 @@ class Simulation:
         """1 over the spectral radius of waves at the initial state [s]."""
         radius = self.model.spectrum(self.model.initial_state()).wave
         return 1.0 / radius if radius > 0.0 else math.inf
-
-    # --- stepping
 
     @exclusive
     def begin(self, plan: RunPlan | None = None, also: Sequence[float] = ()) -> None:
@@ -453,8 +449,6 @@ class Simulation:
         self.outcome = summary_of(error, self.time)
         self.comm.agree_to_fail(self.outcome.reason or "")
 
-    # --- running
-
     @exclusive
     def run(
         self,
@@ -555,8 +549,6 @@ class Simulation:
                 f"{self.scene.name} has no dissipation: computational modes grow tenfold in about"
                 f" {growth / DAY:.2g} days; damp them by --set edge-penalty.c=default"
             )
-
-    # --- the state and its numbers
 
     @property
     @exclusive

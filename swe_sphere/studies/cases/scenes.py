@@ -30,7 +30,6 @@ from swe_sphere.testcases.user_scenes import made
 State = tuple[Array, Array, Array]
 """u, v [m s-1] and h [m]."""
 
-# --- exact solutions
 
 MEAN = 1000.0
 """Mean depth [m]."""
@@ -139,9 +138,6 @@ def _harmonic(lon: Array, lat: Array) -> State:
     east = -3.0 * c**2 * np.sin(3.0 * lon) + 15.0 * s * c * np.cos(2.0 * lon)
     north = -3.0 * c**2 * s * np.cos(3.0 * lon) + 7.5 * (c**3 - 2.0 * s**2 * c) * np.sin(2.0 * lon)
     return value, east, north
-
-
-# --- built-in scenes with a difference
 
 
 def _changed(
@@ -270,9 +266,6 @@ def flow_over(bottom: Bottom) -> Scene:
     )
 
 
-# --- other planets
-
-
 def zonal(radius: float, gravity: float, rotation: float, depth: float) -> Scene:
     """Steady zonal flow of 40 m/s as in williamson2 (exact), of this mean depth [m]."""
     speed = 40.0
@@ -285,8 +278,6 @@ def zonal(radius: float, gravity: float, rotation: float, depth: float) -> Scene
     planet = Planet(radius, gravity, rotation)
     return _starting(exact, get_scene("williamson2"), planet=planet, coriolis=None)
 
-
-# --- random admissible states
 
 SHALLOWEST = 0.2
 """A state is admissible if its depth is nowhere below this fraction of the mean."""

@@ -320,8 +320,6 @@ class Evaluator:
                 found += Errors.of(kind, of_days)
         return found
 
-    # --- against the run converged in time
-
     def converged(self, space: Discretisation) -> History:
         """Fields at report days of a run converged in time, on the same mesh in float64.
 
