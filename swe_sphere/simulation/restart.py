@@ -149,6 +149,13 @@ class Restart:
                 return values
         raise ConfigError(f"{self.path} does not state its {name}: it cannot be restarted")
 
+    @property
+    def diagnostics(self) -> set[str]:
+        """Names of the user-defined diagnostics of the earlier run, as far as they are known."""
+        with suppress(ConfigError):
+            return {*self.table("user_diagnostics")}
+        return set()
+
     def adopt(self, config: RunConfig) -> RunConfig:
         """Return the configuration, with the values of the earlier run for what it leaves open."""
         kept = {name: value for name, value in self.table().items() if name in INHERITED}

@@ -33,6 +33,7 @@ from swe_sphere.settings.values import convert
 from swe_sphere.simulation import build, planning
 from swe_sphere.simulation.config import Keywords, RunConfig, make_config
 from swe_sphere.simulation.diagnostics import (
+    DIAGNOSTICS,
     NAMES,
     Diagnostic,
     Fields,
@@ -532,12 +533,17 @@ class Simulation:
             warnings.warn(text, stacklevel=5)
 
     def _warn_of_run(self) -> None:
-        """Warn of a restart by other code, a step that is too long and computational modes."""
+        """Warn of a restart by other code or without diagnostics, long steps, and modes."""
         resumed, dt, limit = self._restart, self.plan.dt, self.stable_dt()
         if resumed is not None and resumed.attributes.get("code") != code_fingerprint():
             self.warn(
                 f"{resumed.path} was written by other code of swe_sphere: the run resumes"
                 " from it, but its last bits are not those of a run by either code alone"
+            )
+        if resumed is not None and (lost := sorted(resumed.diagnostics - DIAGNOSTICS.keys())):
+            self.warn(
+                f"the run in {resumed.path} has diagnostics that are not computed any more:"
+                f" {', '.join(lost)}; give the files of all diagnostics (--diagnostics)"
             )
         if dt > FAR * limit:
             self.warn(
@@ -652,6 +658,7 @@ class Simulation:
             "stepper_options": self.options,
             "days": self.days,
             "start_step": self.steps,
+            "user_diagnostics": {name: one.long_name for name, one in DIAGNOSTICS.items()},
             **self._plot_field(),
         }
 
