@@ -62,9 +62,13 @@ def _is_restart(path: Path, config: RunConfig) -> bool:
 def check_paths(config: RunConfig) -> None:
     """Check, before anything is computed, that the files of a run can be written.
 
-    Raises ConfigError if a path is a folder, has no folder or cannot be written to, a picture
-    has an unknown ending, or an existing file would be replaced without `overwrite`.
+    Raises ConfigError if a file to read is missing, a path is a folder, has no folder or cannot be
+    written to, a picture has an unknown ending, or an existing file would be replaced without
+    `overwrite`.
     """
+    for path in (config.restart, config.initial, config.reference):
+        if path is not None and not path.exists():
+            raise ConfigError(f"there is no file {path}")
     for name, path in (("out", config.out), ("plot", config.plot)):
         if path is None:
             continue
