@@ -145,10 +145,8 @@ class SweepPlan(SharedConfig):
 def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> SweepPlan:
     """Return the plan of these values, checked as far as possible without computing.
 
-    scene: one that replaces the named one.
-
-    Raises:
-        ConfigError: an unknown name or an unfit value, in one line that names it.
+    scene: one that replaces the named one. Raises ConfigError for an unknown name or an unfit
+    value, in one line that names it.
     """
     from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 
