@@ -111,7 +111,7 @@ class Loop:
                     observed(observer, "observe", self.sim.snapshot)
                     if isinstance(observer, Callback) or is_custom(type(observer)):
                         norm = self.health.norm  # the observer may have changed the state
-                        self.health.observe(self.sim.snapshot)
+                        self.health.observe(self.sim.snapshot, observer)
                         if self.health.norm != norm:
                             self.sim.release()  # whose fields are those before the change
             if is_asked or self._is_asked_to_stop():
@@ -156,12 +156,12 @@ class Loop:
         """Take a step, or up to `most` at once; a step that is given up changes nothing."""
         stepper = self.sim.stepper
         if not stepper.can_give_up:
-            stepper.take(most)
+            self.sim.take(most)
             return
         restore = stepper.keep()
         token = stop_is_asked.set(self._is_asked_to_stop)
         try:
-            stepper.step()
+            self.sim.take(1)
         except GivenUp:
             restore()
         finally:

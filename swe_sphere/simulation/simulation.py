@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.compiling import is_watched
 from swe_sphere.equations.scene import Scene
-from swe_sphere.errors import ConfigError, RunFailed, SweError, Unstable, in_one_line
+from swe_sphere.errors import ConfigError, RunFailed, SolverFailed, SweError, Unstable, in_one_line
 from swe_sphere.files.durable import clear_errors
 from swe_sphere.files.fingerprints import code_fingerprint
 from swe_sphere.files.user_file import cause, check_trusted, guarded, users_code
@@ -52,6 +52,7 @@ from swe_sphere.simulation.observers import (
     Observer,
     ProgressBar,
     Recorder,
+    check_finite,
     live_view,
     observed,
     read_callbacks,
@@ -394,7 +395,16 @@ class Simulation:
         """Take one step; RunFailed if it cannot be taken."""
         self._begin_once()
         self.fit_step()
-        self.stepper.step()
+        self.take(1)
+
+    def take(self, most: int) -> None:
+        """Take a step of the length that the stepper has, or up to `most` at once."""
+        try:
+            self.stepper.take(most)
+        except (SolverFailed, *BREAKDOWNS) as error:
+            if isinstance(error, SolverFailed) or self.comm.size == 1:  # all ranks are here
+                check_finite(self)
+            raise
 
     def _begin_once(self) -> None:
         if self._stepper is None:
