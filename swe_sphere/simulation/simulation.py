@@ -13,14 +13,22 @@ from dataclasses import replace
 from functools import cached_property, partial, wraps
 from pathlib import Path
 from threading import RLock
-from typing import TYPE_CHECKING, Any, NoReturn, Self, TypeVar, Unpack, cast
+from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swe_sphere.compiling import is_watched
 from swe_sphere.equations.scene import Scene
-from swe_sphere.errors import ConfigError, RunFailed, SolverFailed, SweError, Unstable, in_one_line
+from swe_sphere.errors import (
+    ConfigError,
+    NotCopyable,
+    RunFailed,
+    SolverFailed,
+    SweError,
+    Unstable,
+    in_one_line,
+)
 from swe_sphere.files.durable import clear_errors
 from swe_sphere.files.fingerprints import code_fingerprint
 from swe_sphere.files.user_file import cause, check_trusted, guarded, users_code
@@ -100,7 +108,7 @@ def exclusive(method: F) -> F:
     return cast("F", locked)
 
 
-class Simulation:
+class Simulation(NotCopyable):
     """A scene, a mesh and a stepper, set up and stepped.
 
     Simulations in several threads of a process work one after the other, a whole run each.  A
@@ -265,12 +273,6 @@ class Simulation:
                 f"{self.config.reference} is of day {time / DAY:g}, the run ends at day"
                 f" {self.days:g}: take days={time / DAY:g} or another reference"
             )
-
-    def __reduce_ex__(self, protocol: object) -> NoReturn:
-        raise ConfigError(
-            "a Simulation cannot be copied or pickled: write sim.checkpoint(path), and begin others"
-            " with Simulation.from_checkpoint(path)"
-        )
 
     @property
     @exclusive
