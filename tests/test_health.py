@@ -232,6 +232,22 @@ def test_a_callback_that_spoils_the_state_is_named():
     assert summary.reason == f"{reason} state"
 
 
+@pytest.mark.parametrize(
+    "nested", [lambda sim: sim.step(), lambda sim: sim.run(days=1 / 12), lambda sim: sim.reset()]
+)
+def test_a_callback_that_steps_the_simulation_ends_the_run(nested, tmp_path):
+    """Frames would be missing without a word."""
+
+    def meddle(sim):
+        if sim.steps == 2:
+            nested(sim)
+
+    sim, file = Simulation("williamson2", **SMALL), tmp_path / "run.nc"
+    summary = sim.run(days=1 / 24, out=file, every=0.25, callbacks=[meddle])
+    assert summary.status == "failed" and get_frames(file) == 3
+    assert summary.reason.startswith("the callback meddle has stepped, run or reset the simulation")
+
+
 STEPPERS = [name for name in list_steppers() if get_stepper(name).family != "explicit"]
 QUICK = ("ark2", "epi3", "tr-bdf2")
 

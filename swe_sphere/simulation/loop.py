@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from types import FrameType
 from typing import Any, Self
 
-from swe_sphere.errors import TimedOut
+from swe_sphere.errors import RunFailed, TimedOut
 from swe_sphere.files.user_file import is_custom
 from swe_sphere.planet import DAY
 from swe_sphere.ranks.limits import GivenUp, stop_is_asked
-from swe_sphere.simulation.observers import Callback, HealthCheck, Observer, observed
+from swe_sphere.simulation.observers import Callback, HealthCheck, Observer, label, observed
 
 
 class Interrupted(Exception):
@@ -109,6 +109,9 @@ class Loop:
                 is_end = steps == self.plan.steps and observer.sees_end
                 if is_end or observed(observer, "due", steps):
                     observed(observer, "observe", self.sim.snapshot)
+                    if self.sim.steps != steps:
+                        what = "has stepped, run or reset the simulation during its run"
+                        raise RunFailed(f"{label(observer)} {what}: do so after the run")
                     if isinstance(observer, Callback) or is_custom(type(observer)):
                         norm = self.health.norm  # the observer may have changed the state
                         self.health.observe(self.sim.snapshot, observer)
