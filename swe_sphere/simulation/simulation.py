@@ -239,6 +239,8 @@ class Simulation(NotCopyable):
         self._spent: Numbers = {}  # what had been counted by then
         if restart is not None and restart.steps:
             self._plan = restart.plan(self.config.dt)
+            if self._plan.cycle > planning.tracer_cycle(self, self._plan.dt):
+                raise ConfigError(f"{restart.path} is damaged: steps_at_once={self._plan.cycle}")
             self._start_stepper()
 
     @classmethod
