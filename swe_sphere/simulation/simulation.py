@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import signal
 import tempfile
@@ -355,10 +356,10 @@ class Simulation(NotCopyable):
         steps, now, spent = self.steps, self.time, self.counts()
         spent["wall_seconds"] -= self.wall_seconds
         self.model.launch.forget()  # recorded commands reference the arrays of the old stepper
-        stepper = self._make_stepper(dt, cycle)
+        gc.collect()  # steppers before this one, whose parts reference each other
+        self._make_stepper(dt, cycle).follow(old, now)
         self._spent = spent
         self._lengths.append((steps, now, dt))
-        stepper.follow(old, now)
 
     @property
     def _before(self) -> int:
