@@ -3,6 +3,7 @@
 import difflib
 import reprlib
 from collections.abc import Iterable
+from typing import NoReturn
 
 
 class SweError(Exception):
@@ -40,6 +41,16 @@ class TimedOut(RunFailed):
     """The time limit of the run has passed; its state is sound."""
 
     status = "timed-out"
+
+
+class NotCopyable:
+    """Base of objects with memory on a device, which cannot be copied or pickled."""
+
+    def __reduce_ex__(self, protocol: object) -> NoReturn:
+        raise ConfigError(
+            f"a {type(self).__name__} cannot be copied or pickled: write sim.checkpoint(path), and"
+            " begin others with Simulation.from_checkpoint(path)"
+        )
 
 
 def in_one_line(text: object) -> str:

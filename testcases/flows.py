@@ -88,9 +88,8 @@ def zonal_balance(
     A steady zonal flow satisfies g ∂h/∂θ = -a u (f + u tan θ / a) (Williamson et al. 1992, eq. 101;
     Galewsky et al. 2004, eq. 3).
 
-    Args:
-        wind: eastward wind [m s-1] at latitudes [rad]; smooth, or smooth where it is not zero.
-        south, north: the wind is zero outside of these latitudes [rad].
+    wind: eastward wind [m s-1] at latitudes [rad]; smooth, or smooth where it is not zero. south,
+    north: the wind is zero outside of these latitudes [rad].
     """
     # 128 Gauss-Legendre panels of 8 points: the integrals are right to round-off
     points, weights = np.polynomial.legendre.leggauss(8)
@@ -122,10 +121,7 @@ class ZonalJet:
 
     u(θ) = u0 exp(s (4/w² - 1/((θ - θ0)(θ1 - θ)))) for θ0 < θ < θ1, w = θ1 - θ0; zero elsewhere.
 
-    Args:
-        speed: u0 [m s-1], the largest wind, halfway.
-        south, north: θ0 and θ1 [rad].
-        sharpness: s [rad2].
+    speed: u0 [m s-1], the largest wind, halfway; south, north: θ0, θ1 [rad]; sharpness: s [rad2].
     """
 
     speed: float

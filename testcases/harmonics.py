@@ -125,8 +125,7 @@ def legendre(degree: int, lat: Array) -> Iterator[tuple[Array, Array, Array]]:
 class GaussGrid:
     """Points on which products of fields up to a total degree are integrated exactly.
 
-    Args:
-        degree: the highest degree of the coefficients; fields may have the same degree.
+    degree: the highest degree of the coefficients; fields may have the same degree.
     """
 
     degree: int
@@ -168,11 +167,8 @@ class BalancedFlow:
     Balance: g ∇²h = ∇·((ζ + f) ∇ψ) - ∇²|v|²/2 (the balance equation, Charney 1955). Linear balance:
     g ∇²h = ∇·(f ∇ψ).
 
-    Args:
-        streamfunction: coefficients of ψ [m2 s-1].
-        planet: supplies radius, gravity and rotation.
-        depth: mean depth [m].
-        linear: drops the nonlinear terms.
+    streamfunction: coefficients of ψ [m2 s-1]; planet: supplies radius, gravity and rotation;
+    depth: mean depth [m]; linear: drops the nonlinear terms.
     """
 
     streamfunction: Complex
@@ -220,12 +216,9 @@ def random_streamfunction(
 ) -> Complex:
     """Return coefficients of ψ [m2 s-1] with a given spectrum of kinetic energy and random phases.
 
-    Args:
-        spectrum: energy of each degree, up to a factor.
-        degree: the highest degree; the lowest is 2, so that there is no angular momentum.
-        speed: root mean square of the wind [m s-1].
-        radius: radius of the planet [m].
-        seed: seed of the random phases.
+    spectrum: energy of each degree, up to a factor; degree: the highest degree, the lowest being 2,
+    so that there is no angular momentum; speed: root mean square of the wind [m s-1]; radius: that
+    of the planet [m]; seed: seed of the random phases.
     """
     draw = np.random.Generator(np.random.PCG64(seed)).standard_normal
     found = np.zeros((degree + 1, degree + 1), dtype=np.complex128)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import sqrt
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from swe_sphere.equations.effects import DYNAMICS, MASSES, PointwiseEffect, Rela
 from swe_sphere.errors import ConfigError, Unstable
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.simulation.observers import LOST, RUNAWAY, HealthCheck
+from swe_sphere.steppers import get_stepper, list_steppers
 from swe_sphere.steppers.stepper import Stepper
 
 from .support import thorough
@@ -57,6 +59,23 @@ class Mixing(Rain):
     @staticmethod
     def depth_tendency(c, i, u, v, h):
         return c.rate * c.side[i]
+
+
+@dataclass(frozen=True)
+class Shallows(PointwiseEffect):
+    """Removes depth at a rate that is NaN where the water is deeper than a limit."""
+
+    name = "shallows"
+    limit: float = 300.0
+    rate: float = 1e-9
+
+    @staticmethod
+    def depth_tendency(c, i, u, v, h):
+        return -c.rate * sqrt(c.limit - h)
+
+    @staticmethod
+    def depth_derivative(c, i, u, v, h, du, dv, dh):
+        return dh - dh
 
 
 def basin(depth: float = 200.0, **attributes) -> Scene:
@@ -202,6 +221,61 @@ def test_a_callback_that_spoils_the_state_ends_the_run(stepper, step, tmp_path):
     assert summary.status == "unstable" and "is NaN" in summary.reason
     assert f"(step {step})" in summary.reason and seen == [*range(1, step)]
     assert get_frames(file) == step + 1
+
+
+def test_a_callback_that_spoils_the_state_is_named():
+    def spoil(sim):
+        set_state(sim, lambda x: np.where(np.arange(x.size) == 5, np.nan, x))
+
+    summary = Simulation("williamson2", **SMALL).run(days=1 / 24, callbacks=[spoil])
+    reason = "the solution is NaN in u at day 0.01042 (step 1): the callback spoil has changed the"
+    assert summary.reason == f"{reason} state"
+
+
+@pytest.mark.parametrize(
+    "nested", [lambda sim: sim.step(), lambda sim: sim.run(days=1 / 12), lambda sim: sim.reset()]
+)
+def test_a_callback_that_steps_the_simulation_ends_the_run(nested, tmp_path):
+    """Frames would be missing without a word."""
+
+    def meddle(sim):
+        if sim.steps == 2:
+            nested(sim)
+
+    sim, file = Simulation("williamson2", **SMALL), tmp_path / "run.nc"
+    summary = sim.run(days=1 / 24, out=file, every=0.25, callbacks=[meddle])
+    assert summary.status == "failed" and get_frames(file) == 3
+    assert summary.reason.startswith("the callback meddle has stepped, run or reset the simulation")
+
+
+STEPPERS = [name for name in list_steppers() if get_stepper(name).family != "explicit"]
+QUICK = ("ark2", "epi3", "tr-bdf2")
+
+
+@pytest.mark.parametrize("stepper", [n if n in QUICK else thorough(n) for n in STEPPERS])
+@pytest.mark.parametrize("field", ["u", "h"])
+@pytest.mark.parametrize("steps", [0, 1])
+def test_a_spoilt_state_is_no_fault_of_the_solver(stepper, field, steps):
+    sim = Simulation("williamson2", **SMALL, stepper=stepper)
+    sim.begin()
+    for _ in range(steps):
+        sim.step()
+    first = sim.model.names.index(field) * sim.model.device_mesh.size
+    set_state(sim, lambda x: np.where(np.arange(x.size) == first + 5, np.nan, x))
+    when = f"at day {sim.time / 86400.0:.4g} \\(step {steps}\\)"
+    with pytest.raises(Unstable, match=f"^the solution is NaN in {field} {when}: correct custom"):
+        sim.step()
+
+
+@pytest.mark.parametrize("stepper", ["ark2", "epi3", "tr-bdf2"])
+def test_a_rate_that_is_not_finite_is_no_fault_of_the_solver(stepper):
+    scene = basin().with_effect(Shallows())
+    sim = Simulation(scene, **SMALL, stepper=stepper)
+    sim.step()
+    set_state(sim, lambda x: np.where(x == x.max(), 400.0, x))
+    reason = "the rate of change of the solution is NaN in h at day 0.01042 "
+    with pytest.raises(Unstable, match=reason):
+        sim.step()
 
 
 def get_frames(file) -> int:

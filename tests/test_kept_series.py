@@ -121,3 +121,37 @@ def test_a_spoilt_state_does_not_replace_the_last_good_frame(tmp_path):
     assert [out.read_bytes(), restart.read_bytes()] == before
     assert np.isfinite(RunFile(out).frame()["h"]).all()
     assert Simulation.from_checkpoint(out).run(days=0.5, out=out).completed
+
+
+@pytest.mark.parametrize("out", ["run.nc", "new.nc"])
+@pytest.mark.parametrize("source", [NUMBER, FIELD])
+def test_a_resumed_run_reports_diagnostics_that_it_does_not_compute(
+    tmp_path, monkeypatch, capsys, source, out
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "d.py").write_text(source)
+    (tmp_path / "e.py").write_text(NUMBER.replace("deepest", "other"))
+    words = ["run", "williamson2", "--ne=2", "--np=4", "--dt=1800"]
+    assert command(*words, "--days=0.25", "--diagnostics=d.py", "--out=run.nc") == 0
+    capsys.readouterr()
+    resumed = ["run", "williamson2", "--restart=run.nc", "--days=0.5", f"--out={out}"]
+    status = command(*resumed, "--diagnostics=e.py")
+    told = capsys.readouterr().err
+    lost = "deepest, twice" if source == FIELD else "deepest"
+    assert f"the run in run.nc has diagnostics that are not computed any more: {lost};" in told
+    # frames of one file hold the same fields
+    assert status == (2 if (source, out) == (FIELD, "run.nc") else 0)
+    if status:
+        assert "its frames hold other fields" in told
+    if out == "new.nc":
+        assert command(*resumed[:-1], "--out=whole.nc", "--diagnostics=d.py") == 0
+        assert "not computed any more" not in capsys.readouterr().err
+
+
+def test_damaged_names_of_diagnostics_do_not_matter(tmp_path):
+    sim = Simulation("williamson2", ne=2, np=4, dt=1800.0)
+    sim.run(days=0.25)
+    for damaged in ("[1", "[]", "3", 7):
+        resumed = Simulation.from_checkpoint(sim.checkpoint(tmp_path / "a.npz"))
+        resumed._restart.attributes["user_diagnostics"] = damaged
+        assert resumed.run(days=0.5).status == "completed"

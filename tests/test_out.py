@@ -192,3 +192,14 @@ def test_a_run_of_some_fields_goes_on_with_them(tmp_path):
         assert values.tobytes() == expected[name].tobytes(), name
     with pytest.raises(ConfigError, match="unknown field 'w'"):
         small(out=tmp_path / "none.nc", fields=["w"])
+
+
+@pytest.mark.parametrize("asked", ["restart", "initial", "reference"])
+@pytest.mark.parametrize(
+    "other", [{"plot": "a.txt"}, {"out": "nowhere/a.nc"}, {"live": "nothing"}, {"out": "old.nc"}]
+)
+def test_a_missing_file_is_reported_before_other_mistakes(tmp_path, monkeypatch, asked, other):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "old.nc").write_text("old")
+    with pytest.raises(ConfigError, match=r"there is no file nosuch\.nc"):
+        run_scene(make_config({"scene": "williamson2", asked: "nosuch.nc", **other}))

@@ -230,6 +230,18 @@ def test_the_meshes_of_a_dataset_are_told_apart(tmp_path):
     assert Page(page).ids.count("williamson5-3") == 1
 
 
+@pytest.mark.parametrize("names", [("x y", "x-y"), ("ä", "ö"), ("a0.1", "a0-1"), ("A", "a")])
+def test_sweeps_with_similar_names_keep_their_figures_and_anchors(tmp_path, names):
+    runs = {name: plausible_sweep(seed=k) for k, name in enumerate(names)}
+    recipe = Recipe("Steps", ())
+    text = write_report(runs, tmp_path, recipe=recipe).read_text(encoding="utf-8")
+    ids = Page(text).ids
+    assert len(ids) == len({*ids})
+    sections = read_sections(runs)
+    pictures = [each.name for of in sections for each in of.others]
+    assert len(pictures) == len({*pictures}) and sections[1].name.startswith(sections[1].anchor)
+
+
 def test_a_folder_that_cannot_be_made_is_one_clear_line(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match="cannot write the report to"):

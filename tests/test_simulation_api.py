@@ -6,6 +6,7 @@ import pickle
 import re
 import time
 from dataclasses import replace
+from itertools import product
 
 import matplotlib as mpl
 import netCDF4
@@ -58,9 +59,14 @@ def test_a_summary_is_a_mapping_and_a_table():
 def test_copies_are_refused_and_checkpoints_are_what_to_take_instead(tmp_path):
     sim = small()
     sim.run(days=0.1)
-    for copied in (copy.copy, copy.deepcopy, pickle.dumps):
-        with pytest.raises(ConfigError, match=r"cannot be copied .* sim\.checkpoint\(path\)"):
-            copied(sim)
+    parts = (sim.model, sim.model.device_mesh, sim.model.launch, sim.stepper)
+    for thing, copied in product((sim, *parts), (copy.copy, copy.deepcopy, pickle.dumps)):
+        name = type(thing).__name__
+        with pytest.raises(
+            ConfigError, match=rf"{name} cannot be copied .* sim\.checkpoint\(path\)"
+        ):
+            copied(thing)
+    assert pickle.loads(pickle.dumps(sim.mesh)).size == copy.deepcopy(sim.mesh).size
     again = Simulation.from_checkpoint(sim.checkpoint(tmp_path / "here"))
     assert again.run(days=0.2)["energy"] == sim.run(days=0.2)["energy"]
 

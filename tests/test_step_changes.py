@@ -245,3 +245,18 @@ def test_wall_time_is_counted_once_over_a_change_of_step():
     counted = sim.counts()
     assert counted["wall_seconds"] == sim.wall_seconds > before
     assert counted["rhs_evaluations"] == 4 * sim.steps > evaluations
+
+
+def test_changes_of_the_step_do_not_pile_up_arrays():
+    """Parts of steppers reference each other: only the garbage collector frees them."""
+    sim, seconds = Simulation("williamson2", ne=2, np=4, stepper="ark2"), 2000.0
+    gc.disable()
+    try:
+        kept = []
+        for k in range(6):
+            sim.run(days=seconds / 86400.0, progress=False)
+            kept.append(sum(isinstance(each, wp.array) for each in gc.get_objects()))
+            seconds += (700.0, 2433.0)[k % 2]
+    finally:
+        gc.enable()
+    assert len(sim.summary["step_changes"]) == 5 and kept[5] == kept[4] == kept[3]

@@ -433,3 +433,17 @@ def test_pipes_in_the_place_of_files_do_not_block(words, tmp_path, swe, request)
     request.addfinalizer(lambda: signal.alarm(0))
     status, _, told = swe(*words.split())
     assert status == 2 and told.count("\n") == 1 and "p." in told
+
+
+@pytest.mark.parametrize(
+    "words", ["plot run.nc --overwrite --out", "run w.toml --days=0.1 --ne=2 --overwrite --plot"]
+)
+def test_a_pipe_is_not_replaced(tmp_path, monkeypatch, capsys, words):
+    monkeypatch.chdir(tmp_path)
+    Path("w.toml").write_text('base = "williamson2"\nname = "w"\n')
+    Simulation("williamson2", ne=2, np=4, dt=1800.0).run(days=0.1, out="run.nc")
+    os.mkfifo("pipe.png")
+    with pytest.raises(SystemExit) as end:
+        main([*words.split(), "pipe.png"])
+    assert end.value.code in (1, 2) and Path("pipe.png").is_fifo()
+    assert "cannot write pipe.png: it is not a file" in capsys.readouterr().err

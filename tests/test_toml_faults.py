@@ -135,7 +135,9 @@ def test_another_code_is_named(tmp_path, reader, code) -> None:
         reader(path)
 
 
-@pytest.mark.parametrize("name", ["../evil", "/tmp/evil", "..", "a\\u0000b", 300 * "x"])
+@pytest.mark.parametrize(
+    "name", ["../evil", "/tmp/evil", "..", "a\\u0000b", 300 * "x", "README.md"]
+)
 def test_the_sweeps_of_a_recipe_stay_in_its_folder(tmp_path, name) -> None:
     assert "name: must be the name of a folder" in complaint(
         tmp_path, read_sweep, f'{HEADS[read_sweep]}name = "{name}"\n'

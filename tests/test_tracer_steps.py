@@ -11,6 +11,7 @@ from swe_sphere import Simulation
 from swe_sphere.equations.effects import Tracers, Viscosity
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError, Unstable
+from swe_sphere.io.checkpoint import read_checkpoint, write_checkpoint
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.diagnose import divergence
 from swe_sphere.operators.tracers import Crossings, MassSteps, symbol
@@ -312,3 +313,16 @@ def test_scenes_without_tracers_take_none_of_it():
     sim = Simulation("williamson2", ne=2, np=4, tracer_steps="auto", days=1)
     sim.begin()
     assert sim.plan.cycle == 1
+
+
+@pytest.mark.parametrize("asked", [1, "auto"])
+@pytest.mark.parametrize("scene", ["williamson2", "deformational"])
+def test_a_checkpoint_with_impossible_steps_at_once_is_damaged(tmp_path, scene, asked):
+    sim = Simulation(scene, ne=2, np=4, dt=900.0, tracer_steps=asked)
+    sim.step()
+    path = sim.checkpoint(tmp_path / "a.npz")
+    assert Simulation.from_checkpoint(path).steps == sim.steps
+    sound = read_checkpoint(path)
+    write_checkpoint(path, replace(sound, attributes=sound.attributes | {"steps_at_once": 5000}))
+    with pytest.raises(ConfigError, match=r"a\.npz is damaged: steps_at_once=5000"):
+        Simulation.from_checkpoint(path)

@@ -340,3 +340,15 @@ def test_a_store_without_a_chunk_is_not_resumed_in_place(tmp_path, monkeypatch):
     with pytest.raises(ConfigError, match=r"run\.zarr is .* damaged: .* of h are missing"):
         run_scene(make_config(given | {"restart": "run.zarr", "days": 0.5}))
     assert sorted(each.name for each in tmp_path.iterdir()) == ["run.zarr", "run.zarr.restart"]
+
+
+def test_a_store_without_the_times_of_its_series_is_not_resumed_in_place(tmp_path):
+    store = tmp_path / "run.zarr"
+    assert small(scene="williamson5", days=0.25, out=store).completed
+    (store / "diagnostic_time" / "0").unlink()
+    reason = "run.zarr is incomplete or damaged: 13 values of diagnostic_time are missing"
+    with pytest.raises(ConfigError, match=reason):
+        RunFile(store).series()
+    resumed = {"scene": "williamson5", "days": 0.5, "restart": store, "out": store}
+    with pytest.raises(ConfigError, match=reason):
+        run_scene(make_config(resumed))

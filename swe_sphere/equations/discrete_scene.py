@@ -9,7 +9,7 @@ import warp as wp
 
 from swe_sphere.equations.effects import EdgePenalty, Effect, PointwiseEffect
 from swe_sphere.equations.scene import Scene, fitted, is_finite
-from swe_sphere.errors import ConfigError, shown
+from swe_sphere.errors import ConfigError, NotCopyable, shown
 from swe_sphere.files.user_file import guarded
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher, find_device
@@ -18,7 +18,7 @@ from swe_sphere.operators.penalty import EdgePenaltyOperator
 from swe_sphere.ranks.communicator import Communicator
 
 
-class DiscreteScene:
+class DiscreteScene(NotCopyable):
     """A scene on the nodes of a mesh: its coefficients and fields on the device.
 
     Arguments and errors are those of `Model`.

@@ -354,14 +354,12 @@ class PointwiseEffect(Effect):
     @property
     def tendencies(self) -> Formulas:
         """The rates of change."""
-        cls = type(self)
-        return cls.wind_tendency, cls.depth_tendency
+        return type(self).wind_tendency, type(self).depth_tendency
 
     @property
     def derivatives(self) -> Formulas:
         """The derivatives of both rates."""
-        cls = type(self)
-        return cls.wind_derivative, cls.depth_derivative
+        return type(self).wind_derivative, type(self).depth_derivative
 
     @property
     def differentiable(self) -> bool:

@@ -1,6 +1,5 @@
 """A scene on a mesh and a device: its states and its right-hand sides."""
 
-import copy
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
@@ -123,16 +122,11 @@ class Model(DiscreteScene):
 
     def _alike(self, scene: Scene, carries_flux: bool, held: wp.array | None) -> "Model":
         """Return a model with fewer effects, or other fields after wind and depth."""
-        other = copy.copy(self)
-        other.held = held
-        for name, attribute in vars(Model).items():
-            if isinstance(attribute, cached_property):
-                vars(other).pop(name, None)
-        other.scene = scene
+        other, computed = Model.__new__(Model), vars(Model)
+        kept = {k: x for k, x in vars(self).items() if k not in computed}
+        vars(other).update(kept, held=held, scene=scene)
         other._carry(carries_flux)
         return other
-
-    # --- states
 
     def zeros(self, size: int | None = None) -> wp.array:
         """Return a state of zeros, or zeros (size,)."""
@@ -187,8 +181,6 @@ class Model(DiscreteScene):
             f"q_{name}": fields[f"hq_{name}"] / fields["h"] for name in self.scene.tracers or ()
         }
         return fields | ratios
-
-    # --- right-hand sides
 
     def right_hand_side(
         self, component: str = "all", *, stage: tuple[wp.array, float] | None = None,

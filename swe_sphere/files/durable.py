@@ -164,6 +164,8 @@ def _create(path: Path, folder: bool = False) -> tuple[int, Path]:
 @contextmanager
 def building(path: Path) -> Iterator[Path]:
     """Yield a name in a temporary folder; what the block builds there is renamed at the end."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise ConfigError(f"cannot write {path}: it is not a file")
     _remove_unfinished(path)
     file, place = _create(path, folder=True)  # libraries lock the file itself, or replace it
     try:

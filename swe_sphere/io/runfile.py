@@ -84,7 +84,7 @@ def mesh_of(attributes: Mapping[str, Any], nodes: int, failure: str) -> Mesh:
         raise ConfigError(f"{failure}: {error}") from None
 
 
-FINITE = (*VARIABLES["frames"], "b", "surface")
+FINITE = (*VARIABLES["frames"], "b", "surface", SERIES)
 """Fields without missing values, as are mixing ratios."""
 TOLERANCE = 1e-6 * DAY
 """Largest difference [s] between a frame's time and the requested one."""
@@ -302,6 +302,6 @@ class RunFile(Nodal):
     def series(self) -> tuple[Array, dict[str, Array]]:
         """Times (D,) [s] of the diagnostics and each of them (D,), NaN where missing."""
         with reading(self.path) as data:
-            variables = data.variables.items()
-            found = {str(name): v.values for name, v in variables if v.dims == (SERIES,)}
+            series = {str(n): v for n, v in data.variables.items() if v.dims == (SERIES,)}
+            found = {name: checked(self.path, name, v) for name, v in series.items()}
         return found.pop(SERIES, np.zeros(0)), found

@@ -11,7 +11,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, NotCopyable
 from swe_sphere.kernels.define import REGISTER_BYTES, lanes_of
 from swe_sphere.kernels.element import room
 from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors, in_two_runs
@@ -41,7 +41,7 @@ class Field:
     flat: wp.array
 
 
-class DeviceMesh:
+class DeviceMesh(NotCopyable):
     """Element data of a mesh, or of this rank's part of it, in the memory of a device.
 
     Arrays at nodes hold one field after the other. Arrays on element nodes have shape (groups,

@@ -16,7 +16,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.compiling import compiling
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, NotCopyable
 from swe_sphere.kernels.define import Register, specialise
 from swe_sphere.kernels.simd.shared_lines import block_threads
 from swe_sphere.kernels.vectors import AT_ONCE, combine_kernel
@@ -62,7 +62,7 @@ OBJECT = "_get_compile_output_name"
 """Private method of Warp's modules: the name of the file compiled for a device."""
 
 
-class Launcher:
+class Launcher(NotCopyable):
     """Launches kernels on one device through recorded commands.
 
     A plain `wp.launch` costs about as much as the whole right-hand side of a small mesh; a recorded

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from types import FrameType
 from typing import Any, Self
 
-from swe_sphere.errors import TimedOut
+from swe_sphere.errors import RunFailed, TimedOut
 from swe_sphere.files.user_file import is_custom
 from swe_sphere.planet import DAY
 from swe_sphere.ranks.limits import GivenUp, stop_is_asked
-from swe_sphere.simulation.observers import Callback, HealthCheck, Observer, observed
+from swe_sphere.simulation.observers import Callback, HealthCheck, Observer, label, observed
 
 
 class Interrupted(Exception):
@@ -109,9 +109,12 @@ class Loop:
                 is_end = steps == self.plan.steps and observer.sees_end
                 if is_end or observed(observer, "due", steps):
                     observed(observer, "observe", self.sim.snapshot)
+                    if self.sim.steps != steps:
+                        what = "has stepped, run or reset the simulation during its run"
+                        raise RunFailed(f"{label(observer)} {what}: do so after the run")
                     if isinstance(observer, Callback) or is_custom(type(observer)):
                         norm = self.health.norm  # the observer may have changed the state
-                        self.health.observe(self.sim.snapshot)
+                        self.health.observe(self.sim.snapshot, observer)
                         if self.health.norm != norm:
                             self.sim.release()  # whose fields are those before the change
             if is_asked or self._is_asked_to_stop():
@@ -156,12 +159,12 @@ class Loop:
         """Take a step, or up to `most` at once; a step that is given up changes nothing."""
         stepper = self.sim.stepper
         if not stepper.can_give_up:
-            stepper.take(most)
+            self.sim.take(most)
             return
         restore = stepper.keep()
         token = stop_is_asked.set(self._is_asked_to_stop)
         try:
-            stepper.step()
+            self.sim.take(1)
         except GivenUp:
             restore()
         finally:

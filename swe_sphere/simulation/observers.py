@@ -15,6 +15,8 @@ from functools import partial
 from numbers import Real
 from typing import Any
 
+import numpy as np
+
 from swe_sphere.errors import ConfigError, RunFailed, Unstable
 from swe_sphere.files.user_file import is_custom
 from swe_sphere.planet import DAY, HOUR
@@ -53,7 +55,15 @@ def observed(observer: Observer, method: str, *arguments: Any) -> Any:
     call = getattr(observer, method)
     if not is_custom(type(observer)):
         return call(*arguments)
-    return called(f"the observer {type(observer).__name__}", call, *arguments)
+    return called(label(observer), call, *arguments)
+
+
+def label(observer: Observer) -> str:
+    """Return the name of an observer for messages."""
+    if isinstance(observer, Callback):
+        function = observer.function
+        return f"the callback {getattr(function, '__name__', type(function).__name__)}"
+    return f"the observer {type(observer).__name__}"
 
 
 EVERY = 16
@@ -103,14 +113,17 @@ class HealthCheck(Observer):
     def due(self, step: int) -> bool:
         return bool(step % EVERY < self._sim.plan.cycle)
 
-    def observe(self, snapshot: Snapshot) -> None:
-        """Raise Unstable if the state is, with the fault, its time, and what to change."""
+    def observe(self, snapshot: Snapshot, changed_by: Observer | None = None) -> None:
+        """Raise Unstable if the state is, with the fault, its time, and what to change.
+
+        changed_by: the observer after which the state is checked again.
+        """
         import warp as wp
 
         model, state, time = snapshot.model, snapshot.state, snapshot.time
-        self.norm = self._space.norm(state)
+        self.norm, self._changed_by = self._space.norm(state), changed_by
         if not math.isfinite(self.norm):
-            raise self._unstable("the solution is NaN", snapshot)
+            raise self._unstable(f"the solution is NaN{spoilt_fields(model, state)}", snapshot)
         # a passive h, and that of a linear wave, may undershoot zero without harm
         if not model.scene.linear and (depth := self._space.lowest(state, *self._depth)) <= 0.0:
             raise self._unstable(f"the depth is not positive ({depth:.3g} m)", snapshot)
@@ -136,15 +149,34 @@ class HealthCheck(Observer):
                 )
 
     def _unstable(self, failure: str, snapshot: Snapshot) -> Unstable:
+        failure = f"{failure} at day {snapshot.time / DAY:.4g} (step {snapshot.steps})"
+        if self._changed_by is not None:
+            return Unstable(f"{failure}: {label(self._changed_by)} has changed the state")
         dt, limit = self._sim.plan.dt, self._sim.stable_dt()
         bound = "no stability limit" if limit == math.inf else f"stability limit {limit:.4g} s"
         advice = "take a smaller dt"
         if dt <= limit:
             advice = "try a finer mesh, a smaller dt or more dissipation (edge-penalty.c=default)"
-        return Unstable(
-            f"{failure} at day {snapshot.time / DAY:.4g} (step {snapshot.steps}): dt = {dt:.6g} s,"
-            f" {bound} at the initial state; {advice}"
-        )
+        return Unstable(f"{failure}: dt = {dt:.6g} s, {bound} at the initial state; {advice}")
+
+
+def spoilt_fields(model: Any, array: Any) -> str:
+    """Return " in " and the names of the blocks of a state with NaN or infinity, if any."""
+    blocks = model.device_mesh.collect(array).reshape(len(model.names), -1)
+    spoilt = [n for n, x in zip(model.names, blocks, strict=True) if not np.isfinite(x).all()]
+    return f" in {', '.join(spoilt)}" if spoilt else ""
+
+
+def check_finite(sim: Any) -> None:
+    """Raise Unstable if the state of the stepper, or its rate of change, is not finite."""
+    model, state, rate = sim.model, sim.stepper.state, sim.model.zeros()
+    model.right_hand_side(counted=False)(state, sim.time, rate)
+    for what, array in ("solution", state), ("rate of change of the solution", rate):
+        if spoilt := spoilt_fields(model, array):
+            raise Unstable(
+                f"the {what} is NaN{spoilt} at day {sim.time / DAY:.4g} (step {sim.steps}): correct"
+                f" custom code, or take a smaller dt than {sim.stepper.dt:.6g} s"
+            )
 
 
 SAMPLES = 200
@@ -347,8 +379,7 @@ class Callback(Observer):
         return self._plan.is_sample(step, self.times) if self.times else step % self.steps == 0
 
     def observe(self, snapshot: Snapshot) -> None:
-        name = getattr(self.function, "__name__", type(self.function).__name__)
-        called(f"the callback {name}", self.function, snapshot.sim)
+        called(label(self), self.function, snapshot.sim)
 
 
 PICTURES = 100

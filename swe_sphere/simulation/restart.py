@@ -62,9 +62,13 @@ def _is_restart(path: Path, config: RunConfig) -> bool:
 def check_paths(config: RunConfig) -> None:
     """Check, before anything is computed, that the files of a run can be written.
 
-    Raises ConfigError if a path is a folder, has no folder or cannot be written to, a picture
-    has an unknown ending, or an existing file would be replaced without `overwrite`.
+    Raises ConfigError if a file to read is missing, a path is a folder, has no folder or cannot be
+    written to, a picture has an unknown ending, or an existing file would be replaced without
+    `overwrite`.
     """
+    for path in (config.restart, config.initial, config.reference):
+        if path is not None and not path.exists():
+            raise ConfigError(f"there is no file {path}")
     for name, path in (("out", config.out), ("plot", config.plot)):
         if path is None:
             continue
@@ -148,6 +152,13 @@ class Restart:
             if isinstance(values, dict):
                 return values
         raise ConfigError(f"{self.path} does not state its {name}: it cannot be restarted")
+
+    @property
+    def diagnostics(self) -> set[str]:
+        """Names of the user-defined diagnostics of the earlier run, as far as they are known."""
+        with suppress(ConfigError):
+            return {*self.table("user_diagnostics")}
+        return set()
 
     def adopt(self, config: RunConfig) -> RunConfig:
         """Return the configuration, with the values of the earlier run for what it leaves open."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import signal
 import tempfile
@@ -13,14 +14,22 @@ from dataclasses import replace
 from functools import cached_property, partial, wraps
 from pathlib import Path
 from threading import RLock
-from typing import TYPE_CHECKING, Any, NoReturn, Self, TypeVar, Unpack, cast
+from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swe_sphere.compiling import is_watched
 from swe_sphere.equations.scene import Scene
-from swe_sphere.errors import ConfigError, RunFailed, SweError, Unstable, in_one_line
+from swe_sphere.errors import (
+    ConfigError,
+    NotCopyable,
+    RunFailed,
+    SolverFailed,
+    SweError,
+    Unstable,
+    in_one_line,
+)
 from swe_sphere.files.durable import clear_errors
 from swe_sphere.files.fingerprints import code_fingerprint
 from swe_sphere.files.user_file import cause, check_trusted, guarded, users_code
@@ -33,6 +42,7 @@ from swe_sphere.settings.values import convert
 from swe_sphere.simulation import build, planning
 from swe_sphere.simulation.config import Keywords, RunConfig, make_config
 from swe_sphere.simulation.diagnostics import (
+    DIAGNOSTICS,
     NAMES,
     Diagnostic,
     Fields,
@@ -51,6 +61,7 @@ from swe_sphere.simulation.observers import (
     Observer,
     ProgressBar,
     Recorder,
+    check_finite,
     live_view,
     observed,
     read_callbacks,
@@ -98,7 +109,7 @@ def exclusive(method: F) -> F:
     return cast("F", locked)
 
 
-class Simulation:
+class Simulation(NotCopyable):
     """A scene, a mesh and a stepper, set up and stepped.
 
     Simulations in several threads of a process work one after the other, a whole run each.  A
@@ -229,6 +240,8 @@ class Simulation:
         self._spent: Numbers = {}  # what had been counted by then
         if restart is not None and restart.steps:
             self._plan = restart.plan(self.config.dt)
+            if self._plan.cycle > planning.tracer_cycle(self, self._plan.dt):
+                raise ConfigError(f"{restart.path} is damaged: steps_at_once={self._plan.cycle}")
             self._start_stepper()
 
     @classmethod
@@ -250,8 +263,6 @@ class Simulation:
             check_trusted(scene, resumed.path, trust)
         return cls(scene, resumed=resumed, **settings)
 
-    # --- what it is made of
-
     @property
     def days(self) -> float:
         """Length of the whole run [days], as configured or as the scene recommends."""
@@ -265,12 +276,6 @@ class Simulation:
                 f"{self.config.reference} is of day {time / DAY:g}, the run ends at day"
                 f" {self.days:g}: take days={time / DAY:g} or another reference"
             )
-
-    def __reduce_ex__(self, protocol: object) -> NoReturn:
-        raise ConfigError(
-            "a Simulation cannot be copied or pickled: write sim.checkpoint(path), and begin others"
-            " with Simulation.from_checkpoint(path)"
-        )
 
     @property
     @exclusive
@@ -299,8 +304,6 @@ class Simulation:
         """1 over the spectral radius of waves at the initial state [s]."""
         radius = self.model.spectrum(self.model.initial_state()).wave
         return 1.0 / radius if radius > 0.0 else math.inf
-
-    # --- stepping
 
     @exclusive
     def begin(self, plan: RunPlan | None = None, also: Sequence[float] = ()) -> None:
@@ -353,10 +356,10 @@ class Simulation:
         steps, now, spent = self.steps, self.time, self.counts()
         spent["wall_seconds"] -= self.wall_seconds
         self.model.launch.forget()  # recorded commands reference the arrays of the old stepper
-        stepper = self._make_stepper(dt, cycle)
+        gc.collect()  # steppers before this one, whose parts reference each other
+        self._make_stepper(dt, cycle).follow(old, now)
         self._spent = spent
         self._lengths.append((steps, now, dt))
-        stepper.follow(old, now)
 
     @property
     def _before(self) -> int:
@@ -397,7 +400,16 @@ class Simulation:
         """Take one step; RunFailed if it cannot be taken."""
         self._begin_once()
         self.fit_step()
-        self.stepper.step()
+        self.take(1)
+
+    def take(self, most: int) -> None:
+        """Take a step of the length that the stepper has, or up to `most` at once."""
+        try:
+            self.stepper.take(most)
+        except (SolverFailed, *BREAKDOWNS) as error:
+            if isinstance(error, SolverFailed) or self.comm.size == 1:  # all ranks are here
+                check_finite(self)
+            raise
 
     def _begin_once(self) -> None:
         if self._stepper is None:
@@ -452,8 +464,6 @@ class Simulation:
     def _ended_by(self, error: Exception) -> None:
         self.outcome = summary_of(error, self.time)
         self.comm.agree_to_fail(self.outcome.reason or "")
-
-    # --- running
 
     @exclusive
     def run(
@@ -538,12 +548,17 @@ class Simulation:
             warnings.warn(text, stacklevel=5)
 
     def _warn_of_run(self) -> None:
-        """Warn of a restart by other code, a step that is too long and computational modes."""
+        """Warn of a restart by other code or without diagnostics, long steps, and modes."""
         resumed, dt, limit = self._restart, self.plan.dt, self.stable_dt()
         if resumed is not None and resumed.attributes.get("code") != code_fingerprint():
             self.warn(
                 f"{resumed.path} was written by other code of swe_sphere: the run resumes"
                 " from it, but its last bits are not those of a run by either code alone"
+            )
+        if resumed is not None and (lost := sorted(resumed.diagnostics - DIAGNOSTICS.keys())):
+            self.warn(
+                f"the run in {resumed.path} has diagnostics that are not computed any more:"
+                f" {', '.join(lost)}; give the files of all diagnostics (--diagnostics)"
             )
         if dt > FAR * limit:
             self.warn(
@@ -555,8 +570,6 @@ class Simulation:
                 f"{self.scene.name} has no dissipation: computational modes grow tenfold in about"
                 f" {growth / DAY:.2g} days; damp them by --set edge-penalty.c=default"
             )
-
-    # --- the state and its numbers
 
     @property
     @exclusive
@@ -660,6 +673,7 @@ class Simulation:
             "stepper_options": self.options,
             "days": self.days,
             "start_step": self.steps,
+            "user_diagnostics": {name: one.long_name for name, one in DIAGNOSTICS.items()},
             **self._plot_field(),
         }
 

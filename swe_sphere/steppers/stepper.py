@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import Spectrum
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, NotCopyable
 from swe_sphere.files.user_file import is_custom
 from swe_sphere.operators.replay import Replay
 from swe_sphere.ranks.limits import one_thread
@@ -48,7 +48,7 @@ def is_large(model: Model) -> bool:
     return model.mesh.size > LARGE * model.device_mesh.comm.size
 
 
-class Trajectory:
+class Trajectory(NotCopyable):
     """A state that advances in time, with all data that an exact restart needs.
 
     Steppers are trajectories, and so are controllers of the step size that contain one. Raises

@@ -40,13 +40,9 @@ def run_members(
     A finished member of the same configuration is kept; one that is unfinished, or shorter than the
     configuration says, is resumed from its checkpoint.
 
-    Args:
-        tell: called with a line for each member.
-
-    Raises:
-        ConfigError: fewer than two seeds, a scene without a seed, or a run that cannot be made.
-        RunFailed: a run does not come to its end.
-        Interrupted: the user stops it.
+    tell: called with a line for each member. Raises ConfigError for fewer than two seeds, a scene
+    without a seed, or a run that cannot be made; RunFailed if a run does not come to its end; and
+    Interrupted if the user stops it.
     """
     if len(seeds) > 1000 or not 2 <= len(set(seeds)) == len(seeds):
         few = ",".join(map(str, seeds[:8])) or "none"

@@ -38,19 +38,12 @@ def in_processes(
 ) -> Iterator[Any]:
     """Yield the results of tasks from up to `jobs` processes, in the order of their arrival.
 
-    The processes end when the iterator is exhausted or closed.
+    The processes end when the iterator is exhausted or closed. begin: called in each process; can
+    be pickled. The function that it returns does one task and returns its result, which must be
+    small: a process that dies in the middle of a message leaves its reader waiting.
 
-    Args:
-        jobs: Number of processes.
-        begin: Called in each process; can be pickled. The function that it returns does one task
-            and returns its result, which must be small: a process that dies in the middle of a
-            message leaves its reader waiting.
-        tasks: What to do; each task is done once.
-
-    Raises:
-        Interrupted: the user asked to stop.
-        RunFailed: a process died, or a task raised an unexpected exception.
-        SweError: a task raised it.
+    Raises Interrupted if the user asked to stop, RunFailed if a process died or a task raised an
+    unexpected exception, and any SweError that a task raised.
     """
     if not tasks:
         return

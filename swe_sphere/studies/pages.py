@@ -67,9 +67,8 @@ def check_ours(path: Path, *marks: str, flag: str = "out", what: str = "is not o
 def write_made(out: Path, files: Mapping[str, str]) -> None:
     """Write the pages of sweeps and their figures by name into a folder.
 
-    Raises:
-        ConfigError: the folder cannot be created, or a file would be replaced that no sweep wrote.
-        RunFailed: the disk fails; each file is the old one or the new one.
+    Raises ConfigError if the folder cannot be created, or a file would be replaced that no sweep
+    wrote, and RunFailed if the disk fails; each file is the old one or the new one.
     """
     with clear_errors(f"cannot write the report to {out}"):
         out.mkdir(parents=True, exist_ok=True)

@@ -90,8 +90,7 @@ class Store(Generic[R]):
     def add(self, record: R) -> R:
         """Write a record through to the disk, and return it as it will be read again.
 
-        Raises:
-            RunFailed: the disk fails.
+        Raises RunFailed if the disk fails.
         """
         text = record.as_text()
         write_whole(self.folder / f"{self._last + 1:06d}{self._suffix}.json", text)
@@ -145,9 +144,7 @@ def locked(folder: Path) -> Iterator[None]:
     """Create a folder and lock it within the block; the system releases it when the process ends.
 
     Reading stays possible. On a file system without locks the function only creates the folder.
-
-    Raises:
-        ConfigError: another process holds the folder, or it cannot be created.
+    Raises ConfigError if another process holds the folder, or it cannot be created.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)

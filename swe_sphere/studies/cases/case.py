@@ -265,8 +265,7 @@ def families(folder: str) -> Mapping[str, Family]:
 def read_family(path: Path, defaults: Mapping[str, Any] | None = None) -> Family:
     """Return the family in a file: its tables [[case]], each merged with the table [shared].
 
-    Raises:
-        ConfigError: the file cannot be read, or is not as `Table` says.
+    Raises ConfigError if the file cannot be read, or is not as `Table` says.
     """
     whole = read_toml(path)
     shared, tables = merged(defaults or {}, whole.pop("shared", {})), whole.pop("case", None)

@@ -59,8 +59,7 @@ class Measure(Record):
 def measure(case: Case, tick: Tick | None = None) -> Measure:
     """Run a case and measure it as its method says; tick: called with the progress.
 
-    Raises:
-        Interrupted: the user asked to stop.
+    Raises Interrupted if the user asked to stop.
     """
     began = time.perf_counter()
     ended = attempt(lambda: METHODS[case.method](case, case.configured(), tick))

@@ -30,7 +30,6 @@ from swe_sphere.testcases.user_scenes import made
 State = tuple[Array, Array, Array]
 """u, v [m s-1] and h [m]."""
 
-# --- exact solutions
 
 MEAN = 1000.0
 """Mean depth [m]."""
@@ -45,11 +44,8 @@ def decay(nu: float = 0.0, nu4: float = 0.0, default: bool = False) -> Scene:
     10 m/s a (grad Y + k x grad Y) obey d/dt = -(nu k² + nu4 k⁴) with k² = l (l + 1)/a²; the
     Laplacian of the wind is Hodge's, whose eigenvalue on gradients and curls of Y is the same.
 
-    Args:
-        nu: viscosity [m2 s-1].
-        nu4: hyperviscosity [m4 s-1].
-        default: leave the hyperviscosity of the model to its scaling with the mesh, so that the
-            error shows whether that is nu4.
+    nu: viscosity [m2 s-1]; nu4: hyperviscosity [m4 s-1]; default: leave the hyperviscosity of the
+    model to its scaling with the mesh, so that the error shows whether that is nu4.
     """
     wavenumber = 12 / EARTH.radius**2
     rate = nu * wavenumber + nu4 * wavenumber**2
@@ -71,10 +67,7 @@ def friction(linear: float, quadratic: float, time: float) -> Scene:
     The wind follows d|v|/dt = -r |v| - c |v|², so |v| = r s / ((r + c s) exp(r t) - c s) with s its
     start; the depth nears its equilibrium exponentially.
 
-    Args:
-        linear: r [s-1].
-        quadratic: c [m-1].
-        time: of the relaxation [s].
+    linear: r [s-1]; quadratic: c [m-1]; time: of the relaxation [s].
     """
 
     def equilibrium(lon: Array, lat: Array) -> Array:
@@ -103,8 +96,7 @@ def driven(alpha: float = np.pi / 4.0) -> Scene:
 
     keep the wind as it is; grad is that of the unit sphere.
 
-    Args:
-        alpha: tilt of the axis of the flow [rad].
+    alpha: tilt of the axis of the flow [rad].
     """
     speed, drop, doubling = 40.0, 1000.0, 5.0 * DAY
 
@@ -139,9 +131,6 @@ def _harmonic(lon: Array, lat: Array) -> State:
     east = -3.0 * c**2 * np.sin(3.0 * lon) + 15.0 * s * c * np.cos(2.0 * lon)
     north = -3.0 * c**2 * s * np.cos(3.0 * lon) + 7.5 * (c**3 - 2.0 * s**2 * c) * np.sin(2.0 * lon)
     return value, east, north
-
-
-# --- built-in scenes with a difference
 
 
 def _changed(
@@ -201,9 +190,7 @@ def thin_flow(depth: float, alpha: float) -> Scene:
     With winds faster than the gravity waves of the layer, schemes whose vorticity flux and kinetic
     energy do not match are not (Hollingsworth et al. 1983; Peixoto, Thuburn & Bell 2018).
 
-    Args:
-        depth: of the layer [m].
-        alpha: tilt of the axis of flow and of rotation [rad].
+    depth: of the layer [m]; alpha: tilt of the axis of flow and of rotation [rad].
     """
     base = get_scene("williamson2", alpha=alpha)
 
@@ -270,9 +257,6 @@ def flow_over(bottom: Bottom) -> Scene:
     )
 
 
-# --- other planets
-
-
 def zonal(radius: float, gravity: float, rotation: float, depth: float) -> Scene:
     """Steady zonal flow of 40 m/s as in williamson2 (exact), of this mean depth [m]."""
     speed = 40.0
@@ -285,8 +269,6 @@ def zonal(radius: float, gravity: float, rotation: float, depth: float) -> Scene
     planet = Planet(radius, gravity, rotation)
     return _starting(exact, get_scene("williamson2"), planet=planet, coriolis=None)
 
-
-# --- random admissible states
 
 SHALLOWEST = 0.2
 """A state is admissible if its depth is nowhere below this fraction of the mean."""

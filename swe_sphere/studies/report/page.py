@@ -18,6 +18,7 @@ import pandas as pd
 from markupsafe import Markup, escape
 from xarray import Dataset
 
+from swe_sphere.files.fingerprints import fingerprint
 from swe_sphere.settings.values import read_toml
 from swe_sphere.studies import words
 from swe_sphere.studies.pages import rendered, write_made
@@ -64,12 +65,13 @@ class Section:
     @property
     def anchor(self) -> str:
         """Part of the anchors of rows, which are numbered through the sweep."""
-        return slug(self.title)
+        text = slug(self.title)
+        return text if text == self.title else slug(f"{text} {fingerprint([self.title])[:6]}")
 
     @property
     def name(self) -> str:
         """Part of the names of files, and the anchor of the section."""
-        return slug(f"{self.title} {self.mesh}")
+        return slug(f"{self.anchor} {self.mesh}")
 
     @property
     def headline(self) -> str:

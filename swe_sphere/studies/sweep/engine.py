@@ -182,8 +182,6 @@ class Sweep:
             for integrator in self._everyone if plan.find_limit else ():
                 self._find_limit(integrator)
 
-    # --- in processes beside each other
-
     def _parts(self) -> list[Part]:
         """Return all parts; the shortest steps come first, so that they do not delay the end."""
         everyone, search = [*enumerate(self._everyone)], self._plan.target_error
@@ -204,8 +202,6 @@ class Sweep:
             self._search([integrator])
         if self._plan.find_limit:
             self._find_limit(integrator)
-
-    # --- grid
 
     def _grid(self, grids: list[list[RunSpec]]) -> None:
         """Run the longest step of each integrator first, then the next of each, and so on."""
@@ -239,8 +235,6 @@ class Sweep:
         agree = wanted < 2 or (len(times) > 1 and times[1] <= (1.0 + AGREE) * times[0])
         return len(times) < (wanted if agree else MOST_REPEATS * wanted)
 
-    # --- the longest stable step
-
     def _find_limit(self, integrator: Integrator) -> None:
         if integrator.refusal is not None:
             return
@@ -261,8 +255,6 @@ class Sweep:
         trial = TRIAL_STEPS, max(study.days, TRIAL_DAYS), limit if known else None
         told = prose("stable_step", found, longest, gravity, *trial, "timed-out" in ends)
         self._watcher.note(f"{integrator.label}: {told}")
-
-    # --- the longest step with an error
 
     def _search(self, everyone: list[Integrator]) -> None:
         """Search for the errors of the plan, from the largest; then time what may be cheapest."""

@@ -114,10 +114,7 @@ def run_timed(
     """Run to the end or to a failure, timing only the steps.
 
     Returns how it ended, with costs and, if it completed, drifts and user-defined diagnostics; and
-    the fields at the report days that were reached.
-
-    Raises:
-        Interrupted: the user asked to stop.
+    the fields at the report days that were reached. Raises Interrupted if the user asked to stop.
     """
     gc.collect()  # memory of earlier runs
     began = time.perf_counter()
@@ -246,11 +243,8 @@ class Runner:
     ) -> RunRecord:
         """Return the record of a run: the known one, or that of a new run.
 
-        evaluate: computes its errors.
-
-        Raises:
-            Interrupted: the user asked to stop.
-            RunFailed: the record cannot be written.
+        evaluate: computes its errors. Raises Interrupted if the user asked to stop, and RunFailed
+        if the record cannot be written.
         """
         record = self.known(spec, repeat)
         if record is None:
@@ -319,8 +313,6 @@ class Evaluator:
                 of_days = {day: errors(model, history[day], converged[day]) for day in days}
                 found += Errors.of(kind, of_days)
         return found
-
-    # --- against the run converged in time
 
     def converged(self, space: Discretisation) -> History:
         """Fields at report days of a run converged in time, on the same mesh in float64.

@@ -192,8 +192,7 @@ class Discretisation:
     def simulation(self, config: RunConfig) -> Simulation:
         """Return a simulation with a separate model: runs share nothing.
 
-        Raises:
-            ConfigError: the stepper does not suit the scene, or has no such option.
+        Raises ConfigError if the stepper does not suit the scene, or has no such option.
         """
         return Simulation(self._own or config.scene, config=config, mesh=self.mesh)
 

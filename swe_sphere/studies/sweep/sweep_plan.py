@@ -58,8 +58,9 @@ def stepper_names(value: object) -> tuple[str, ...]:
 
 
 def _of_folder(name: str) -> str:
-    """Return the name; ValueError for one that is a path out of the folder of a recipe."""
-    if Path(name).name != name or name == ".." or "\0" in name or len(name.encode()) > 200:
+    """Return the name; ValueError for a path out of the folder of a recipe, or a file in it."""
+    is_path = Path(name).name != name or name == ".." or "\0" in name
+    if is_path or len(name.encode()) > 200 or name.endswith((".html", ".md", ".svg")):
         raise ValueError("must be the name of a folder")
     return name
 
@@ -145,10 +146,8 @@ class SweepPlan(SharedConfig):
 def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> SweepPlan:
     """Return the plan of these values, checked as far as possible without computing.
 
-    scene: one that replaces the named one.
-
-    Raises:
-        ConfigError: an unknown name or an unfit value, in one line that names it.
+    scene: one that replaces the named one. Raises ConfigError for an unknown name or an unfit
+    value, in one line that names it.
     """
     from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 
