@@ -227,8 +227,7 @@ def slow_ocean(m: int = 4, n: int = 10, speed: float = 0.1, linear: bool = False
 
 Wave = Literal["kelvin", "rossby", "eastward", "westward"]
 FUNCTIONS = 160
-"""Spherical harmonics of each field of a normal mode: those of a layer of 1 m are right to
-round-off."""
+"""Spherical harmonics of each field of a normal mode, exact to round-off for a layer of 1 m."""
 
 
 def hough(

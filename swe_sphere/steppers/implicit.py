@@ -278,8 +278,7 @@ class ImplicitStepper(VariableStepper):
         if diffusion not in DIFFUSION:
             raise ConfigError(f"diffusion must be {' or '.join(DIFFUSION)}, got {diffusion!r}")
         self.diffusion_apart = diffusion == "apart"
-        is_held = model.penalised and self.splits_penalty
-        self._held = HeldPenalty(model, dt) if is_held else None
+        self._held = HeldPenalty(model, dt) if model.penalised and self.splits_penalty else None
         if self._held is not None:
             model = model.unpenalised(self._held.rate)
         solver = solver or NewtonStages(

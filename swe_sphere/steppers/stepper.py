@@ -177,8 +177,7 @@ class Stepper(Trajectory, ABC):
     diffusion_steps: ClassVar[int | None] = None
     """Steps over which `advance` includes `diffusion` in its change; None: `step` splits it off."""
     splits_penalty: ClassVar[bool] = True
-    """False if stages contain the edge penalty.  Split from them, it would amplify waves that a
-    step turns by more than pi and hardly damps."""
+    """Split off, the edge penalty requires stages that damp waves of more than pi a step."""
     diffusion_order: ClassVar[int] = 2
     """Order of separate diffusion; one above the order of the splitting gains nothing."""
     levels: ClassVar[tuple[str, ...]] = ()

@@ -87,9 +87,7 @@ class SweepPlan(SharedConfig):
     scene: str
     """Name of a scene, or a .py or .toml file with one."""
     steppers: Annotated[tuple[str, ...], BeforeValidator(stepper_names), Field(min_length=1)]
-    """Steppers to compare: names, .py files, or families (explicit, imex, exponential,
-    implicit).
-    """
+    """Steppers to compare: names, files, or families (explicit, imex, exponential, implicit)."""
     dt: Steps = "auto"
     """Time steps [s] of every stepper; auto (the default): a sequence for each."""
     levels: Annotated[Whole, Field(ge=1, le=20)] = 6
@@ -109,9 +107,7 @@ class SweepPlan(SharedConfig):
     report_days: Numbers = ()
     """Times at which errors are measured [days], beside the end."""
     repeats: Annotated[Whole, Field(ge=1, le=100)] = 3
-    """Minimum number of timed runs of each setting; more while the two shortest differ by over 3
-    %.
-    """
+    """Minimum number of timed runs of a setting; more while the two shortest differ by over 3 %."""
     jobs: Annotated[Whole, Field(ge=1, le=MOST_JOBS)] = 1
     """Number of parallel processes; with more than one, runs give errors only and no times."""
     time_limit: Positive | None = None
