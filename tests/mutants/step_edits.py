@@ -256,7 +256,7 @@ METADATA = _edits(
         "a state that a callback changed is not checked",
         "swe_sphere/simulation/loop.py",
         ("test_health.py::test_a_callback_that_spoils_the_state_ends_the_run",),
-        "self.health.observe(self.sim.snapshot)\n                        if self.health.norm != norm",  # noqa: E501
+        "self.health.observe(self.sim.snapshot, observer)\n                        if self.health.norm != norm",  # noqa: E501
         "if self.health.norm != norm",
     ),
     (
