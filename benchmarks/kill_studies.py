@@ -34,7 +34,7 @@ from swe_sphere.pictures import plot
 
 RUN = "--ne=2 --np=4 --dt=1800"
 COMMANDS = {
-    "ensemble": f"ensemble galewsky --seeds=1,2,3 --days=0.25 --every=1 {RUN} --folder=e",
+    "ensemble": f"ensemble galewsky --seeds=1,2,3 --days=0.25 --every=1 {RUN} --out=e",
     "sweep": "sweep williamson2 --steppers=rk4,leapfrog --dt=900,450 --ne=2 --np=4 --days=0.25"
     " --repeats=2 --jobs=2 --quiet --out=s",
     "regrid": "regrid old.nc --grid=latlon:31x60 --out=grid.nc --overwrite",

@@ -63,7 +63,7 @@ def test_the_spread_of_the_jet_grows_as_its_fastest_wave(tmp_path, capsys):
     """Small noise on the jet alone; on day 3 other waves still take a few per cent of the rate."""
     arguments = (
         "ensemble galewsky --seeds 1,2 --ne 8 --np 6 --days 3 --every 24"
-        " --set scene.perturbed=false --set scene.noise=1e-3 --folder"
+        " --set scene.perturbed=false --set scene.noise=1e-3 --out"
     )
     with pytest.raises(SystemExit, match="0"):
         main([*arguments.split(), str(tmp_path)])
@@ -177,7 +177,7 @@ def test_what_is_no_ensemble(tmp_path, values, seeds, error, message):
 @pytest.mark.parametrize("name", ["spread_h.csv", "spread_h.png"])
 def test_a_table_or_picture_of_somebody_else_is_not_replaced(tmp_path, capsys, name):
     line = ["ensemble", "galewsky", "--ne", "2", "--np", "4", "--dt", "600", "--days", "0.1"]
-    line += ["--seeds", "1,2", "--field", "h", "--folder", str(tmp_path)]
+    line += ["--seeds", "1,2", "--field", "h", "--out", str(tmp_path)]
     (tmp_path / name).write_text("mine")
     with pytest.raises(SystemExit, match="2"):
         main(line)
@@ -192,7 +192,7 @@ def test_a_table_or_picture_of_somebody_else_is_not_replaced(tmp_path, capsys, n
 
 def test_seeds_that_are_none(tmp_path, capsys):
     with pytest.raises(SystemExit, match="2"):
-        main(["ensemble", "galewsky", "--seeds", "1-x", "--folder", str(tmp_path)])
+        main(["ensemble", "galewsky", "--seeds", "1-x", "--out", str(tmp_path)])
     assert "seeds: give whole numbers, 1,2,3 or 1-8, got '1-x'" in capsys.readouterr().err
 
 
@@ -208,7 +208,7 @@ def test_ctrl_c_ends_an_ensemble_with_130_and_the_same_command_goes_on(tmp_path,
     from swe_sphere.simulation.loop import Interruption
 
     line = ["ensemble", "galewsky", "--ne", "2", "--np", "4", "--dt", "600", "--days", "0.1"]
-    line += ["--seeds", "1,2", "--folder", str(tmp_path / "members")]
+    line += ["--seeds", "1,2", "--out", str(tmp_path / "members")]
     with pytest.MonkeyPatch.context() as patch:
         told = property(lambda _: "Ctrl-C", lambda *_: None)
         patch.setattr(Interruption, "received", told, raising=False)
@@ -234,7 +234,7 @@ def test_ctrl_c_ends_an_ensemble_with_130_and_the_same_command_goes_on(tmp_path,
 def test_an_ensemble_that_comes_to_nothing_is_one_line(tmp_path, capsys, more, said):
     line = ["ensemble", "galewsky", "--ne", "2", "--np", "4", "--dt", "600", "--days", "0.1"]
     with pytest.raises(SystemExit) as ended:
-        main([*line, "--seeds", "1,2", "--folder", str(tmp_path / "a"), *more])
+        main([*line, "--seeds", "1,2", "--out", str(tmp_path / "a"), *more])
     told = capsys.readouterr().err
     assert ended.value.code == 2 and said in told and told.count("\n") == 1
     assert (tmp_path / "a").exists() == (more == ["--field", "b"])  # what cannot be is told at once
@@ -243,5 +243,5 @@ def test_an_ensemble_that_comes_to_nothing_is_one_line(tmp_path, capsys, more, s
 def test_a_folder_that_is_a_file_is_one_line(tmp_path, capsys):
     (tmp_path / "a").write_text("")
     with pytest.raises(SystemExit) as ended:
-        main(["ensemble", "galewsky", "--ne", "2", "--folder", str(tmp_path / "a")])
+        main(["ensemble", "galewsky", "--ne", "2", "--out", str(tmp_path / "a")])
     assert ended.value.code == 2 and "cannot write to" in capsys.readouterr().err

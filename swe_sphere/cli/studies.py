@@ -167,7 +167,7 @@ def _shown(found: Iterator[Row]) -> Iterator[Row]:
 def ensemble(
     seeds: str = option("A,B,...|FIRST-LAST", "Seeds of the members.", "1-8"),
     field: str = option("NAME", "Field of the spread: vorticity, h, u, ...", "vorticity"),
-    folder: Path | None = option("FOLDER", "Files of the members (SCENE_ensemble)."),
+    out: Path | None = option("FOLDER", "Files of the members (SCENE_ensemble)."),
     **values: Any,
 ) -> None:
     """Run a scene from several seeds, and show how their spread grows."""
@@ -180,9 +180,9 @@ def ensemble(
         check_field(field)
     if config.fields:
         derive(dict.fromkeys((*config.fields, "b"), np.zeros(1)), field)
-    place = folder or Path(f"{Path(config.scene).stem}_ensemble")
+    place = out or Path(f"{Path(config.scene).stem}_ensemble")
     for path in () if config.overwrite else spread_files(field, place):
-        check_ours(path, *MARKS, flag="folder", what="is not of an ensemble")
+        check_ours(path, *MARKS, flag="out", what="is not of an ensemble")
     members = run_members(config, _seeds(seeds), place, typer.echo)
     found = spread(members, field)
     typer.echo(f"{'day':>6}  {'spread':>10}  growth [1/day]")
