@@ -177,8 +177,8 @@ class Stepper(Trajectory, ABC):
     diffusion_steps: ClassVar[int | None] = None
     """Steps over which `advance` includes `diffusion` in its change; None: `step` splits it off."""
     splits_penalty: ClassVar[bool] = True
-    """False if stages contain the edge penalty.  Split from them, it would amplify waves that a
-    step turns by more than pi and hardly damps."""
+    """False if stages contain the edge penalty.  A separate penalty would amplify waves whose phase
+    a step changes by more than pi and which the method hardly damps."""
     diffusion_order: ClassVar[int] = 2
     """Order of separate diffusion; one above the order of the splitting gains nothing."""
     levels: ClassVar[tuple[str, ...]] = ()
@@ -267,7 +267,7 @@ class Stepper(Trajectory, ABC):
                 )
 
     def allocate(self) -> None:
-        """Allocate the arrays of a method with a solver, which has its model and solver already."""
+        """Allocate the arrays of a method with a solver; model and solver exist already."""
 
     def begin(self, slope: wp.array) -> None:
         """Make the first guesses of a method with a solver from the initial slope."""
@@ -415,6 +415,6 @@ class CheckedReplay(Replay):
             if not np.array_equal(array.numpy(), values, equal_nan=True):
                 raise ConfigError(
                     f"stepper {self._stepper.name}: a recorded step gives another {name} than the"
-                    " step itself, as `advance` does work on the host, depends on the time or"
-                    " changes arrays that `memory` does not name; leave out `repeats_from`"
+                    " step itself: `advance` does work on the host, depends on the time or changes"
+                    " arrays that `memory` does not name; leave out `repeats_from`"
                 )
