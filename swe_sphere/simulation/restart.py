@@ -188,7 +188,7 @@ class Restart:
                 )
 
     def plan(self, asked: float | str) -> RunPlan:
-        """Return the steps so far; ConfigError if steps of another length [s] are asked for."""
+        """Return the steps so far; ConfigError if steps of another length [s] are requested."""
         dt = float(self.attributes.get("dt", 0.0))
         if asked not in ("auto", dt, self.table().get("dt")) or not dt > 0.0:
             raise ConfigError(

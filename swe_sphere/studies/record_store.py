@@ -126,7 +126,7 @@ def read_record(path: Path, form: type[R]) -> R:
     except ValidationError as error:
         raise ConfigError(
             f"{path} is not a record of this version ({place_and_complaint(error)}): delete it, and"
-            " its run is made again, or choose another folder"
+            " its run is repeated, or choose another folder"
         ) from None
 
 
