@@ -249,7 +249,7 @@ def test_a_restart_with_an_edited_file_is_refused(here, what: str, file: str, st
     whole, rest = (read_checkpoint(Path(f"{name}.nc.restart")) for name in ("whole", "rest"))
     assert np.array_equal(whole.state_dict["state"], rest.state_dict["state"])
     Path(file).write_text(Path(file).read_text() + "# edited\n")
-    with pytest.raises(ConfigError, match=f"^the {what}'s file is not what it was"):
+    with pytest.raises(ConfigError, match=f"^the {what}'s file has been edited since"):
         run_scene(make_config(onwards))
 
 
@@ -274,7 +274,7 @@ def test_a_restart_with_an_edited_effect_is_refused(here) -> None:
     asked["settings"] = ["bottom-friction.k=1e-3"]
     assert run_scene(make_config(asked | {"out": "part.nc"}))["completed"]
     Path("friction.py").write_text(EXAMPLES["friction.py"].replace("-rate * u", "-2.0 * rate * u"))
-    with pytest.raises(ConfigError, match=r"^the scene's file is not what it was"):
+    with pytest.raises(ConfigError, match=r"^the scene's file has been edited since"):
         run_scene(make_config(asked | {"restart": "part.nc", "days": 0.5}))
 
 

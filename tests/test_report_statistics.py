@@ -159,8 +159,7 @@ def test_a_target_that_is_not_resolved_is_kept_and_nobody_reaches_it():
     assert found.targets == [1e-3, 1e-13]
     assert len(found.winners(0)) == 2 and found.winners(1).empty
     assert found.note == (
-        "An error of 1e-13 cannot be measured: the run that errors are taken against has 2.0e-11"
-        " itself."
+        "An error of 1e-13 cannot be measured: the reference run has an error of 2.0e-11 itself."
     )
 
 

@@ -100,7 +100,7 @@ def test_rules_are_fitted_to_three_meshes_and_checked_on_the_finest(tmp_path) ->
     row = re.search(r"^\| williamson5, np4, scene.speed=20 \| 32, explicit \|(.*)", text, re.M)
     assert [each.strip() for each in row[1].split("|")] == ["–", "–", "0.38 (0.38)", ""]
     assert "ne 12, 0.050, 0.012 |" in text and "ne 6.0, 0.025, 0.0059 |" in text
-    assert "\n7 of the 8 sweeps of the recipe" in text
+    assert "7 of the 8 sweeps of the recipe" in text
     assert {path.name for path in tmp_path.glob("*.svg")} == {
         *re.findall(r"!\[[^]]*\]\(([^)]*)\)", text)
     }

@@ -335,7 +335,7 @@ def test_steps_are_shortened_so_that_calls_fall_on_them():
     sim.run(days=0.25, callbacks=[every(hours=2.0)(lambda sim: times.append(sim.time))])
     assert times == [2 * HOUR, 4 * HOUR, 6 * HOUR]
     assert sim.plan.dt == 1440.0
-    with pytest.raises(ConfigError, match="no whole number of the steps"):
+    with pytest.raises(ConfigError, match="not a whole number of steps"):
         sim.run(days=0.5, callbacks=[every(hours=1.0001)(print)])
 
 

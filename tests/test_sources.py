@@ -144,7 +144,7 @@ def test_a_restart_of_an_edited_scene_is_refused(part, file, name):
     """Also where the edit cannot be seen in the names, parameters and effects of the scene."""
     assert run_scene(part)["days"] == 0.5
     Path(file).write_text(Path(file).read_text() + "# now all is different\n")
-    with pytest.raises(ConfigError, match=f"^{name} is not what it was when part.nc was begun"):
+    with pytest.raises(ConfigError, match=f"^{name} has been edited since part.nc was begun"):
         run_scene(part)
 
 

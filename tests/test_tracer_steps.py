@@ -284,7 +284,7 @@ def test_callbacks_see_whole_cycles():
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        ({"tracer_steps": 500}, "of 600 s take"),
+        ({"tracer_steps": 500}, "steps of 600 s together"),
         ({"tracer_steps": 2, "stepper": "tr-bdf2"}, "tr-bdf2 includes tracers"),
         ({"tracer_steps": 0}, "tracer-steps: must be a whole number"),
         ({"tracer_steps": "many"}, "tracer-steps: must be a whole number"),
@@ -303,7 +303,7 @@ def test_a_stepper_has_to_say_which_states_it_remembers(hill):
         levels = Stepper.levels
 
     carried(hill, "leapfrog", 600.0, 2, 0)
-    with pytest.raises(ConfigError, match="leapfrog remembers previous: its `levels`"):
+    with pytest.raises(ConfigError, match="leapfrog keeps previous between steps: its `levels`"):
         CarriedTracers(hill, Untold(hill.carrier, 600.0), 2)
 
 

@@ -1,8 +1,8 @@
 """Checkpoints: the data that resume a run, in a separate file beside that of its frames.
 
 The file is a NumPy archive (.npz: a zip archive, with check sums) of the stepper's arrays and a
-header in JSON. Each checkpoint replaces the previous one by a rename, so that there is always a
-whole one. The run's `run_id` identifies the file of frames to which it belongs.
+header in JSON. Each checkpoint replaces the previous one by a rename, so that a complete
+one always exists. The run's `run_id` identifies the file of frames to which it belongs.
 """
 
 import json
@@ -46,7 +46,7 @@ def checkpoint_path(path: Path) -> Path:
 
 
 def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
-    """Replace the file at the path by this checkpoint, at once or, with an OSError, not at all."""
+    """Replace the file at the path by this checkpoint; an OSError leaves the file unchanged."""
     names = ("time", "steps", "stepper", "attributes")
     values = {name: getattr(checkpoint, name) for name in names}
     values[ARRAYS] = [*checkpoint.state_dict]

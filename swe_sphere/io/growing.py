@@ -2,7 +2,7 @@
 
 A netCDF classic file counts its records and states the length of each dimension in numbers of four
 bytes in its header. New numbers are first written beyond these lengths and then counted by one
-write of four bytes: a process killed before that has added nothing, one killed after it all.
+write of four bytes: a kill before this write adds nothing, and a kill after it adds everything.
 Records (frames) follow each other at the end of the file. A second dimension, that of the series,
 grows in the same way into the space that its variables received when the file was created.
 

@@ -265,7 +265,7 @@ class RunFile(Nodal):
             told = table_in(found[SUMMARY])
             new = {k: value for k, value in told.items() if k == "days" or k not in found}
             self.attributes = found | new
-            """The global attributes, and by its names what the summary says more: how many days."""
+            """The global attributes, with `days` and further entries of the summary."""
             if lacking := {*MESH_ATTRIBUTES} - found.keys():
                 raise ValueError(f"it lacks {', '.join(sorted(lacking))}")
             fields = [str(name) for name, v in data.variables.items() if v.dims == ("time", "node")]

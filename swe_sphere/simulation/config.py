@@ -175,8 +175,8 @@ class RunConfig(SharedConfig):
     """Wall time of the command [s], start-up, compiling and writing included; the run then ends
     with a last frame, from which it can be resumed."""
     energy_growth: Positive | None = None
-    """End the run as unstable where the energy has grown so many times, forcing and relaxation
-    apart (10; without limit where effects are user-defined)."""
+    """End the run as unstable if the energy, forcing and relaxation apart, has grown by this factor
+    (10; no limit with user-defined effects)."""
     as_json: bool = False
     """Print the result as one line of JSON."""
     quiet: bool = False

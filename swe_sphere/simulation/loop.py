@@ -20,13 +20,13 @@ class Interrupted(Exception):
 
 
 class Interruption:
-    """Notes the first signal that ends a run within a block; the second acts as outside of it.
+    """Records the first stop signal in a block; a second one acts as it does outside the block.
 
     The signals are SIGINT, SIGTERM, SIGHUP, and SIGUSR1, by which batch systems warn of the end of
     a job.
 
-    It does nothing outside the main thread, where Python delivers no signals, and nothing about an
-    ignored SIGHUP, as nohup has it.
+    It has no effect outside the main thread, where Python delivers no signals. A SIGHUP that is
+    ignored, as under nohup, stays ignored.
     """
 
     def __init__(self) -> None:
@@ -71,8 +71,8 @@ class Loop:
     """Steps a simulation along its plan; a health check sees each state before the observers do.
 
     sim: the simulation.  observers: see the state when they are due, and always the last one.
-    time_limit: wall time that the run may take [s] since a time of time.monotonic; where since is
-    None, that of its steps without compiling.  interruption: notes signals.
+    time_limit: wall time that the run may take [s] since a time of time.monotonic; if since is
+    None, of its steps without compiling.  interruption: records signals.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class Loop:
             self.sim.fit_step()
             is_asked = self._advance(self._next_stop())
             steps = self.sim.steps
-            if steps == before:  # whose observers have seen it
+            if steps == before:  # this state has been observed already
                 self._stop()
             self.health.observe(self.sim.snapshot)
             for observer in self.observers:
@@ -116,7 +116,7 @@ class Loop:
                         norm = self.health.norm  # the observer may have changed the state
                         self.health.observe(self.sim.snapshot, observer)
                         if self.health.norm != norm:
-                            self.sim.release()  # whose fields are those before the change
+                            self.sim.release()  # its fields are those before the change
             if is_asked or self._is_asked_to_stop():
                 self._stop()
 
@@ -129,9 +129,9 @@ class Loop:
         return next(due, end)
 
     def _advance(self, stop: int) -> bool:
-        """Take steps, with the clock running, up to that number or until a rank is to stop.
+        """Take steps, with the clock running, up to that number or until a rank must stop.
 
-        Returns, on all ranks, whether one was.
+        Returns, on all ranks, whether a rank must stop.
         """
         import warp as wp
 

@@ -44,7 +44,7 @@ class Observer:
         """Inspect a state that is due, or the last one."""
 
     def tick(self, step: int) -> None:
-        """Note the number of steps so far; called about ten times a second."""
+        """Receive the number of steps so far; called about ten times a second."""
 
     def end(self) -> None:
         """Finish: no more steps are taken, whatever the reason."""
@@ -248,7 +248,7 @@ class Recorder(Observer):
     def end(self) -> None:
         """Write the last frame of a sound run that ended early, and how it ended; close the file.
 
-        After an error that is not an outcome, and maybe that of one rank alone, it only closes.
+        After an unexpected error, perhaps of one rank alone, it only closes the file.
         """
         sim, ended = self.sim, self.sim.outcome
         try:
@@ -348,14 +348,14 @@ class LogLines(Observer):
 
 @dataclass
 class Callback(Observer):
-    """Calls a function with the simulation after every so many steps, or so many times in a run."""
+    """Calls a function with the simulation, by steps, by simulated time or a few times a run."""
 
     function: Function
     steps: int = 1
     seconds: float | None = None
     """Simulated time [s]; the steps of a run are chosen so that they meet its multiples."""
     times: int = 0
-    """About how many calls there are, in the place of `steps`."""
+    """Approximate number of calls in a run, instead of `steps`; 0: unused."""
     sees_end = False
 
     def __post_init__(self) -> None:

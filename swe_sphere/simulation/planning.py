@@ -14,14 +14,14 @@ from swe_sphere.planet import DAY, HOUR
 
 MOST_STEPS = 10**9
 SHORTEST = Fraction(1, 2)
-"""A given step may be shortened to no less than this part of it."""
+"""Smallest fraction to which a requested step may be shortened."""
 SHORTEST_AUTOMATIC = Fraction(1, 20)
-"""An automatic step may be shortened to this part of itself and of the times that it has to fit."""
+"""An automatic step may be shortened to this fraction of itself and of the times it must fit."""
 UNLIMITED = 1e7
 """A stability limit above this [s] is treated as none."""
 ROUNDING = 1.0 + 1e-9
 LONGEST_OF_TRACERS = 3.0 * HOUR
-"""Longest automatic step of tracers in a flow that is stepped, and so changes meanwhile [s]."""
+"""Longest automatic step of tracers [s] in a flow that is stepped too: it changes meanwhile."""
 WORTH_A_CHANGE = 1.25
 """A step that fits is replaced by an automatic one that is longer by more than this factor."""
 MEANT = 5e-5
@@ -61,35 +61,35 @@ class RunPlan:
         return self.steps - self.tail
 
     def time(self, step: int) -> float:
-        """Return the time after so many steps [s], to the microsecond."""
+        """Return the time [s] after that many steps, to the microsecond."""
         if step < self.first:
             return round(self.origin - (self.first - step) * self.lead, 6)
         ahead = max(0, min(step, self.steps) - self.whole)
         return round(self.origin + (step - ahead - self.first) * self.dt + ahead * self.last, 6)
 
     def length(self, step: int) -> float:
-        """Return the length of the step after so many steps [s]."""
+        """Return the length [s] of the step that follows that many steps."""
         if step < self.first:
             return self.lead
         return self.last if self.whole <= step < self.steps else self.dt
 
     def is_frame(self, step: int) -> bool:
-        """Return whether a frame is due after so many steps."""
+        """Return whether a frame is due after that many steps."""
         return step == self.steps or self.is_multiple(step, self.frame_steps * self.dt)
 
     def is_multiple(self, step: int, seconds: float) -> bool:
-        """Return whether the time after so many steps is a multiple of a time [s]."""
+        """Return whether the time after that many steps is a multiple of `seconds`."""
         if not self.first <= step <= self.whole:
             return False
         ahead = self.cycle * round(-self.origin % seconds / (self.cycle * self.dt))
         return (step - self.first - ahead) % round(seconds / self.dt) == 0
 
     def is_sample(self, step: int, times: int) -> bool:
-        """Return whether one of about so many samples in a run is due after so many steps."""
+        """Return whether one of about `times` samples of a run is due after that many steps."""
         return (step - self.first) % self.interval(times) == 0
 
     def interval(self, times: int) -> int:
-        """Return the steps between samples of which a run has about so many."""
+        """Return the number of steps between samples, of which a run has about `times`."""
         return self.cycle * max(1, self.steps // (self.cycle * times))
 
 
@@ -112,7 +112,7 @@ def time_plan(
 
     days: length of the run [days]; 0 for a plan without a step.  every: time between frames [h];
     None: about a day.  dt: time step [s], which may be shortened a little.  also: further times [s]
-    whose multiples fall on steps.  cycle: steps that are taken together; fewer: or fewer of them.
+    whose multiples fall on steps.  cycle: steps that are taken together; fewer: they may be fewer.
     automatic: whether dt may be shortened as much as frames and further times require.  The last
     steps are shorter where the end is no multiple of the others.  Raises ConfigError if no step
     fits.
@@ -128,7 +128,7 @@ def time_plan(
     together = cycle
 
     def fitted(common: Fraction) -> Fraction:
-        """Return the longest step near dt of which a time is a whole number of cycles."""
+        """Return the longest step near dt for which `common` is a whole number of cycles."""
         nonlocal together
         whole = common / _parts(common, cycle * Fraction(dt))
         together = min(cycle, _parts(whole, Fraction(dt))) if fewer else cycle
@@ -252,8 +252,8 @@ def _check_whole(name: str, length: float, dt: float, origin: float) -> None:
     if steps < 1 or max(abs(steps * dt - length) / dt, abs(ahead - round(ahead))) > 1e-6:
         nearest = sorted({max(1, math.floor(length / dt)), math.ceil(length / dt)})
         raise ConfigError(
-            f"{name}: {length / HOUR:g} h is no whole number of the steps of {dt:g} s that the run"
-            f" takes; choose {' or '.join(f'{n * dt / HOUR:.9g}' for n in nearest)} h, or dt=auto"
+            f"{name}: {length / HOUR:g} h is not a whole number of steps of {dt:g} s:"
+            f" choose {' or '.join(f'{n * dt / HOUR:.9g}' for n in nearest)} h, or dt=auto"
         )
 
 
@@ -274,7 +274,7 @@ def automatic_step(sim: Any, days: float) -> tuple[float, str]:
     wind, accurate = float(np.hypot(fields["u"], fields["v"]).max()), kind.longest
     if wind > 0.0:
         accurate = min(accurate, kind.courant * sim.mesh.spacing()[0] / wind)
-    # the limit of a fluid at rest, whose wind is yet to come, does not bound its waves
+    # the limit of a fluid at rest does not bound the waves once it has a wind
     misleading = kind.family == "imex" and wind == 0.0 and kind.safety * limit > accurate
     if limit < UNLIMITED and not misleading:
         return min(kind.safety * limit, days * DAY), f"{kind.safety:g} of the stability limit"
@@ -285,8 +285,8 @@ def automatic_step(sim: Any, days: float) -> tuple[float, str]:
 def plan_run(sim: Any, also: Sequence[float] = ()) -> RunPlan:
     """Return the plan of a run from the present state, with the requested or an automatic step.
 
-    A requested step stays for good.  An automatic one stays where it fits, unless a much longer one
-    does too.  also, ConfigError: as of `time_plan`.
+    A requested step never changes.  An automatic step is kept if it fits, unless a much longer one
+    fits too.  also, ConfigError: as of `time_plan`.
     """
     config, days, every, done = sim.config, sim.days, sim.config.every, sim.steps
     automatic, present = config.dt == "auto", None
@@ -314,9 +314,9 @@ def plan_run(sim: Any, also: Sequence[float] = ()) -> RunPlan:
 
 
 def tracer_cycle(sim: Any, dt: float) -> int:
-    """Return the steps of dt [s] for one step of the tracers: as requested, or as many as may be.
+    """Return the steps of dt [s] in one step of the tracers: as requested, or as many as allowed.
 
-    Raises ConfigError if that is too many, or where tracers cannot have their own steps.
+    Raises ConfigError if these are too many, or if tracers cannot take separate steps.
     """
     from swe_sphere.steppers.tracer_steps import tracer_limit, why_not
 
@@ -332,8 +332,8 @@ def tracer_cycle(sim: Any, dt: float) -> int:
         return max(1, int(longest / dt)) if math.isfinite(longest) else 1
     if asked * dt > limit * ROUNDING:
         raise ConfigError(
-            f"tracer-steps={asked}: the longest step of the tracers is {limit:.4g} s; of"
-            f" {dt:.4g} s take {max(1, int(limit / dt))} at once at the most"
+            f"tracer-steps={asked}: the longest step of the tracers is {limit:.4g} s: take at"
+            f" most {max(1, int(limit / dt))} steps of {dt:.4g} s together"
         )
     return int(asked)
 
@@ -341,7 +341,7 @@ def tracer_cycle(sim: Any, dt: float) -> int:
 def with_cycle(sim: Any, plan: RunPlan) -> RunPlan:
     """Return the same steps, as many of them together as the configuration requests or allows.
 
-    Raises ConfigError if the steps between frames are no multiple of a requested number.
+    Raises ConfigError if the number of steps between frames is not a multiple of the requested one.
     """
     most, both = tracer_cycle(sim, plan.dt), math.gcd(plan.steps, plan.frame_steps)
     if sim.config.tracer_steps == "auto":

@@ -161,7 +161,7 @@ class Restart:
         return set()
 
     def adopt(self, config: RunConfig) -> RunConfig:
-        """Return the configuration, with the values of the earlier run for what it leaves open."""
+        """Return the configuration, with the values of the earlier run for unset options."""
         kept = {name: value for name, value in self.table().items() if name in INHERITED}
         for name in ("stepper", "preconditioner"):  # each may be a Python file
             if name not in config.model_fields_set:
@@ -188,8 +188,8 @@ class Restart:
                 continue  # the numbers of the run do not depend on it
             if not isinstance(before, dict) or before.get(name) != contents:
                 raise ConfigError(
-                    f"{name} is not what it was when {self.path} was begun: it has been edited;"
-                    " run from the start, without restart"
+                    f"{name} has been edited since {self.path} was begun: run from the start,"
+                    " without restart"
                 )
         for name, value in ours.items():
             if theirs.get(name) != value:
@@ -199,7 +199,7 @@ class Restart:
                 )
 
     def plan(self, asked: float | str) -> RunPlan:
-        """Return the steps so far; ConfigError if steps of another length [s] are asked for."""
+        """Return the steps so far; ConfigError if steps of another length [s] are requested."""
         dt = float(self.attributes.get("dt", 0.0))
         if asked not in ("auto", dt, self.table().get("dt")) or not dt > 0.0:
             raise ConfigError(
@@ -248,7 +248,7 @@ class Restart:
 
 
 def read_restart(config: RunConfig) -> Restart | None:
-    """Return what a configuration resumes from, if anything."""
+    """Return the checkpoint from which a configuration resumes, if any."""
     if config.restart is None:
         return None
     return Restart(config.out if config.out and appends(config) else config.restart)
@@ -282,9 +282,9 @@ def run_sources(
     """Return fingerprints of the files of a scene by its name, of its data and of some methods.
 
     Names of bases are relative to the file of the scene, so that the folder may be moved.  Files of
-    data are those whose names are parameters of the scene; what a Python scene reads besides is not
-    known.  The result is empty for a scene of the package without data.  Raises ConfigError if a
-    file has disappeared since it was loaded.
+    data are those whose names are parameters of the scene; other files that a Python scene reads
+    are not tracked.  The result is empty for a scene of the package without data.  Raises
+    ConfigError if a file has disappeared since it was loaded.
     """
     try:
         files = scene_files(name)

@@ -83,7 +83,7 @@ class Summary(Mapping[str, Any]):
         n = self.as_dict()
 
         def listed(names: Mapping[str, str]) -> str:
-            """Return the known ones of some values by label."""
+            """Return labels and values of those `names` whose values are known."""
             known = {label: n[name] for label, name in names.items() if n.get(name) is not None}
             return ", ".join(f"{label} {value:.3g}".strip() for label, value in known.items())
 

@@ -192,7 +192,7 @@ class NewtonKrylov:
         self._accept(p, x, search, eta, tiny)
 
     def _learn(self, p: NewtonResult, search: "Search", eta: float) -> None:
-        """Estimate the nonlinearity from a step, for orthogonal parts in its residual.
+        """Estimate the nonlinearity from a step, as if the parts of its residual were orthogonal.
 
         Later steps of a solve contribute only if their residual exceeds that of the linear system.
         """

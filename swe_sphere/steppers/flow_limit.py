@@ -30,8 +30,8 @@ def strongest_advection(model: Model) -> float:
 
     A run of rk4 on a coarse mesh supplies it, scaled by the ratio of gravity-wave rates on the
     model's mesh and on the coarse one: the wind of williamson5 doubles in three days over its
-    mountain, which the initial state does not show. If that run becomes unstable, its part before
-    that counts.
+    mountain, which the initial state does not show. If this run becomes unstable, only its
+    earlier part counts.
     """
     mesh, scene = model.mesh, model.scene
     small = Mesh.build(
@@ -92,7 +92,7 @@ class FlowLimitStepper(Stepper):
     def stable_dt(
         cls, wave: float, dissipation: float = 0.0, wind: float = 0.0, turning: float = 0.0
     ) -> float:
-        """Return the largest step [s] that amplifies no wave on a wind with `wind` [s-1] in `wave`.
+        """Return the largest step [s] that amplifies no wave; `wind` [s-1]: wind's part of `wave`.
 
         It also amplifies no wave in any weaker wind, no vorticity that the wind carries, and no
         inertial oscillation at `turning` [s-1].

@@ -35,10 +35,10 @@ class Passes:
     """Steps depth and tracers, or the wind, by explicit Euler steps, while the other is held.
 
     The equations are evaluated at combinations of time levels, which each pass stores for later
-    passes: `carried` holds the masses, and `pushed` the wind that moves and turns them, with the
-    depth whose slope accelerates it. Both have the size of a state; in linearised dynamics they are
-    differences from the base. A prescribed wind is not stepped. A mass flux that the model
-    accumulates is that of the depth's own step.
+    passes: `carried` holds the masses, and `pushed` the wind that transports and rotates them,
+    with the depth whose gradient accelerates this wind. Both have the size of a state; in
+    linearised dynamics they are differences from the base. A prescribed wind is not stepped. A mass
+    flux that the model accumulates is that of the step of the depth.
     """
 
     def __init__(self, model: Model) -> None:
@@ -219,10 +219,10 @@ def level_weights(wind: float, mass: float, gamma: float) -> tuple[Triple, Tripl
 
 
 class ForwardBackward(SplitExplicit):
-    """Generalised AB3-AM4: one evaluation a step, the wind pushed by the new depth too.
+    """Generalised AB3-AM4: one evaluation a step; the new depth also accelerates the wind.
 
     Shchepetkin & McWilliams 2005 (doi:10.1016/j.ocemod.2004.08.002), with new coefficients that are
-    stable on a mean flow: `benchmarks/forward_backward.py` derives them. Extrapolated fluxes step
+    stable in a wind: `benchmarks/forward_backward.py` derives them. Extrapolated fluxes step
     the depth; extrapolated winds and the gradient of a depth that includes the new one then step
     the wind. Without gravity waves the method is AB3. The first two steps use rk4. Diffusion acts
     on every new level, which damps all modes at any step, to first order.
@@ -303,7 +303,7 @@ class ForwardBackward(SplitExplicit):
 
 
 class ForwardBackwardRK3(SplitExplicit):
-    """FB-RK(3,2): three stages, the wind pushed by the depth of the stage itself too.
+    """FB-RK(3,2): three stages; the new depth of a stage also accelerates its wind.
 
     Lilly et al. 2023 (arXiv:2306.11821), with their weights.
     """

@@ -62,7 +62,7 @@ class StageProblem:
         self.space.axpby(1.0, d, -self.tau, out)
 
     def masses(self, x: wp.array) -> list[tuple[wp.array, wp.array, float]]:
-        """Return states that share x's mass: (source, state, gain in mean depth [m])."""
+        """Return states whose masses follow from a source: (source, state, gain in depth [m])."""
         return [(self.rhs, x, self.slopes * self.tau * self._model.mean_source(self.time))]
 
 

@@ -111,7 +111,7 @@ class InfinitesimalStep(FlowLimitStepper):
         """Return spectral radii [s-1], with the slow rate in place of the wind's share.
 
         The slow rate is that of the strongest wind of a trial run, or of the Coriolis force, which
-        limits the waves as a wind does: rotation alone is not what becomes unstable first.
+        limits the waves as a wind does; rotation alone does not set the limit.
         """
         found = super().spectrum(model, state, t)
         if model.scene.effect("pressure-gradient") is None:

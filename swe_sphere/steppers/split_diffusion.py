@@ -36,7 +36,7 @@ HELD = 0.75
 """Largest rate times step for which an implicit step holds the edge penalty unchanged: explicit
 steps of a state extrapolated by half a step are stable up to 1."""
 MOST_STAGES = 1000
-"""Largest number of stages; they even out whole elements in a step."""
+"""Largest number of stages; so many smooth out whole elements in a step."""
 
 Stage = tuple[float, float, float, float]
 
@@ -124,9 +124,9 @@ class Diffusion:
 class SplitPenalty:
     """The edge penalty in steps of dt [s]: it acts on the newest level in the middle of a cycle.
 
-    A cycle has an even number of steps, `every`. With `chains` None the midpoint rule is used,
-    otherwise Euler's, in turn on that many levels that do not follow from each other; there the
-    penalty must be weak enough not to affect waves near the stability limit of the step.
+    A cycle has an even number of steps, `every`. With `chains` None it uses the midpoint rule.
+    Otherwise it takes Euler steps on `chains` successive levels (two for leapfrog); the penalty
+    must then be weak enough not to affect waves near the stability limit of the step.
     """
 
     def __init__(self, model: Model, dt: float, chains: int | None) -> None:
@@ -189,8 +189,8 @@ class HeldPenalty:
     def find(self, state: wp.array, slope: wp.array, ahead: float, dt: float) -> None:
         """Find the rate for a step of dt [s], at the state extrapolated over `ahead` [s].
 
-        Long steps, which would overshoot, use the mean rate of a step of the penalty, at a state
-        extrapolated less the longer they are: otherwise waves near the grid scale would grow.
+        Long steps, where this rate would overshoot, use the mean rate of sub-steps of the penalty.
+        The longer a step, the less its state is extrapolated: grid-scale waves must not grow.
         """
         combine, rate, end = self._model.launch.combine, self.rate, self._end
         penalise, reach = self._model.penalise, dt * self._model.penalty_radius

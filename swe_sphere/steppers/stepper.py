@@ -266,7 +266,7 @@ class Stepper(Trajectory, ABC):
                 )
 
     def allocate(self) -> None:
-        """Allocate the arrays of a method with a solver, which has its model and solver already."""
+        """Allocate the arrays of a method with a solver; model and solver exist already."""
 
     def begin(self, slope: wp.array) -> None:
         """Make the first guesses of a method with a solver from the initial slope."""
@@ -414,6 +414,6 @@ class CheckedReplay(Replay):
             if not np.array_equal(array.numpy(), values, equal_nan=True):
                 raise ConfigError(
                     f"stepper {self._stepper.name}: a recorded step gives another {name} than the"
-                    " step itself, as `advance` does work on the host, depends on the time or"
-                    " changes arrays that `memory` does not name; leave out `repeats_from`"
+                    " step itself: `advance` does work on the host, depends on the time or changes"
+                    " arrays that `memory` does not name; leave out `repeats_from`"
                 )

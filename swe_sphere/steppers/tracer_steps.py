@@ -100,8 +100,8 @@ def tracer_limit(model: Model) -> float:
 class TracerSteps(Trajectory, ABC):
     """Takes `every` steps of `dt` at once, and one step of tracers over all of them.
 
-    Its state is complete, and observed, only after those. The method is of second order at most.
-    Diffusion of tracers is split off as that of the flow is.
+    Its state is complete, and observed, only after all of them. The order is two at most.
+    Diffusion of tracers is separate, like that of the flow.
     """
 
     def __init__(self, model: Model, kind: type[Stepper], dt: float, every: int) -> None:
@@ -154,8 +154,8 @@ class CarriedTracers(TracerSteps):
         others = [k for k, array in arrays if k != "state" and array.shape[-1:] == shape]
         if others and not scheme.levels:
             raise ConfigError(
-                f"tracer-steps: {scheme.name} remembers {', '.join(others)}: its"
-                " `levels` must name those that are states of earlier times"
+                f"tracer-steps: {scheme.name} keeps {', '.join(others)} between steps:"
+                " its `levels` must name the states of earlier times among them"
             )
         super().__init__(model, type(scheme), scheme.dt, every)
         self.scheme, tracers, n, first = scheme, model.tracers, self._size, model.fluid_size

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from swe_sphere.studies.report import Ranking
 
 REPRESENTATIVES = ("forward-backward", "rk4", "semi-implicit", "epi2", "tr-bdf2")
-"""Steppers that are measured: of each family the one that is cheapest at most places of the map
+"""Steppers that are measured: of each family the one that is cheapest at most points of the map
 along resolution, and the classical explicit one."""
 RUNS = 200.0
 """Cost of a search, in runs of rk4 with its longest step over the same days."""
@@ -53,11 +53,11 @@ class Advice(NamedTuple):
     days: float
     """Length of the measured runs [days]."""
     of_days: float
-    """Length of the run that advice is on [days]."""
+    """Length of the run to advise on [days]."""
     ranking: Ranking
     """All steppers at the target error of the measured runs; one of them reaches it."""
     config: RunConfig
-    """The configuration of the run that is advised."""
+    """The configuration of the advised run."""
 
     @property
     def command(self) -> str:
@@ -90,7 +90,7 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
     seconds_a_day = RUNS * _seconds_a_day(space, common)
     while days * seconds_a_day > question.budget and days > 0.1:
         days *= 0.5
-    # the error of the balanced flow where there is one beside gravity waves, else of depth
+    # the error of the slow flow if gravity waves are present as well, otherwise of depth
     waves = space.scene.wind is None and space.scene.effect("pressure-gradient") is not None
     slow = waves and math.isfinite(space.limits["advective_limit"])
     target = question.error * days / whole

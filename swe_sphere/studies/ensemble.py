@@ -1,4 +1,4 @@
-"""Ensembles: the same run from several seeds of its scene, and how far apart they drift."""
+"""Ensembles: the same run from several seeds of its scene, and the growth of the spread."""
 
 import io
 from collections.abc import Callable, Mapping, Sequence
@@ -27,7 +27,7 @@ from swe_sphere.simulation.restart import run_sources
 from swe_sphere.simulation.simulation import run_scene
 
 MARKS = ("day,spread [", "made by swe-sphere ensemble")
-"""Parts of the table and of the picture of a spread, by which they are recognised."""
+"""Texts by which the table and the picture of a spread are recognised."""
 FREE = ("overwrite", "out", "days", "time_limit", "restart", "quiet", "as_json", "live", "plot")
 """Fields in which the configuration of a member may differ from that of its file."""
 
@@ -37,11 +37,11 @@ def run_members(
 ) -> list[Path]:
     """Run a scene with `scene.seed` of each seed; return the files SCENE_seedK.nc in a folder.
 
-    A finished member of the same configuration is kept; one that is unfinished, or shorter than the
-    configuration says, is resumed from its checkpoint.
+    A finished member of the same configuration is kept; an unfinished member, or one that is
+    shorter than requested, is resumed from its checkpoint.
 
     tell: called with a line for each member. Raises ConfigError for fewer than two seeds, a scene
-    without a seed, or a run that cannot be made; RunFailed if a run does not come to its end; and
+    without a seed, or a run that cannot be made; RunFailed if a run does not reach its end; and
     Interrupted if the user stops it.
     """
     if len(seeds) > 1000 or not 2 <= len(set(seeds)) == len(seeds):
@@ -93,7 +93,7 @@ def _check_sources(
 
 
 def spread(files: Sequence[Path], field: str = "vorticity") -> pd.DataFrame:
-    """Return how far the members in the files are apart in a field, frame by frame.
+    """Return the spread of the members in the files in a field, frame by frame.
 
     The columns are `day`; `spread`, the root mean square over the globe of the standard deviation
     of the members, in the units of the field; and `growth`, Δ ln spread / Δt since the frame before

@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 MARK = "<!-- made by swe-sphere sweep -->"
-"""In pages of sweeps, which tells them from the user's own of the same name."""
+"""Mark in pages of sweeps, which distinguishes them from pages of the user."""
 
 
 def rendered(package: str, template: str, *filters: Callable[..., object], **values: object) -> str:
     """Return a filled-in template of a study.
 
-    package: that of the study. filters: available to the template by their names.
+    package: package of the study. filters: functions for the template, by their names.
     """
     made = _environment(package, template.endswith(".html.j2"))
     made.filters |= {each.__name__.lstrip("_"): each for each in filters}

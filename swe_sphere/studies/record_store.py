@@ -1,4 +1,4 @@
-"""Ends of the runs of a study, and records of them in a folder, each whole or not there at all."""
+"""Outcomes of the runs of a study, and their records in a folder, each complete or absent."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
     import xarray as xr
 
 STOPPED = ("refused", "unstable", "solver-failed")
-"""Ways in which a run ends itself and says why."""
+"""Outcomes of runs that stop themselves with a reason."""
 ENDS = ("completed", *STOPPED, "timed-out", "failed")
-"""How a run may have ended."""
+"""All outcomes of a run."""
 BREAKDOWNS = (ArithmeticError, LookupError, MemoryError, RuntimeError, TypeError, ValueError)
-"""Errors that are no answer to the user: a run that ends with one of them has failed."""
+"""Unexpected errors: a run that ends with one of them has failed."""
 
 
 def attempt(work: Callable[[], Summary]) -> Summary:
-    """Return what the work returns; an error in it is an end as well, but for Interrupted."""
+    """Return the result of `work`; an error in it becomes an outcome too, except Interrupted."""
     try:
         with np.errstate(all="ignore"):
             return work()
@@ -88,7 +88,7 @@ class Store(Generic[R]):
         self.records: list[R] = [read_record(path, form) for path in paths]
 
     def add(self, record: R) -> R:
-        """Write a record through to the disk, and return it as it will be read again.
+        """Write a record to the disk, synchronised, and return it in the form in which it is read.
 
         Raises RunFailed if the disk fails.
         """
@@ -125,7 +125,7 @@ def read_record(path: Path, form: type[R]) -> R:
     except ValidationError as error:
         raise ConfigError(
             f"{path} is not a record of this version ({place_and_complaint(error)}): delete it, and"
-            " its run is made again, or choose another folder"
+            " its run is repeated, or choose another folder"
         ) from None
 
 

@@ -134,7 +134,7 @@ class CoarsePart:
         self._numbers = _numbers(spaces)
         self._mine = np.unique(self._numbers[self._here])
         self.functions = self._mine
-        """(n,) those that it has, ascending."""
+        """Numbers (n,) of the functions of this rank, ascending."""
         self._away: dict[int, Integers] = {}
         self._owner = np.zeros(len(self._numbers), dtype=int)
         if mesh.comm.shared:

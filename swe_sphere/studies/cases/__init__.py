@@ -22,7 +22,7 @@ def verify(
         scenes: Names of scenes, or of cases; none: all of them.
         quick: Whether to run only the cases that take less than a second each.
         launch: Shape of kernel launches; "node" is the shape of GPUs.
-        jobs: Number of processes that measure cases beside each other.
+        jobs: Number of processes that measure cases in parallel.
 
     Returns:
         A row for each case: its `quantities`, its `checks`, and whether it `passed`.
@@ -34,7 +34,7 @@ def verify(
         True
 
     Raises:
-        ConfigError: an unknown scene, case or shape, or nothing of them is in the quick form.
+        ConfigError: an unknown scene, case or shape, or no case remains in the quick form.
         RunFailed: one of several processes died.
         KeyboardInterrupt: on Ctrl-C.
     """

@@ -32,7 +32,7 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "verification": {"run": {"ne": 8, "np": 4, "days": 5.0}, "bounds": {"mass_drift": 1e-13}},
     "stability": {"method": "series", "seconds": 900.0},
 }
-"""Values of all cases of a folder, unless its file says otherwise."""
+"""Values of all cases of a folder, unless its file states otherwise."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Check:
     high: float = math.inf
     low: float = -math.inf
     always: bool = False
-    """Whether it also applies to a run that was stopped early."""
+    """Whether the limits also apply to a run that was stopped early."""
     obtained: float = math.nan
     """NaN for a quantity that was not measured."""
 
@@ -91,7 +91,7 @@ def read_limits(table: Limits, always: bool = False) -> Iterator[Check]:
 
 
 class Case(BaseModel):
-    """A run of a scene, how it is measured, and what its numbers must keep.
+    """A run of a scene, how it is measured, and the bounds of its numbers.
 
     The fields are the keys of files of cases, which verification/start.toml documents.  Cases of
     one name differ in resolution or step.
@@ -251,7 +251,7 @@ class Family:
     name: str
     title: str
     text: str
-    """Paragraph of the page: what is run, and what is required."""
+    """Paragraph of the page: the runs and their criteria."""
     cases: tuple[Case, ...]
 
 
@@ -265,7 +265,7 @@ def families(folder: str) -> Mapping[str, Family]:
 def read_family(path: Path, defaults: Mapping[str, Any] | None = None) -> Family:
     """Return the family in a file: its tables [[case]], each merged with the table [shared].
 
-    Raises ConfigError if the file cannot be read, or is not as `Table` says.
+    Raises ConfigError if the file cannot be read, or does not have the form of `Table`.
     """
     whole = read_toml(path)
     shared, tables = merged(defaults or {}, whole.pop("shared", {})), whole.pop("case", None)

@@ -1,4 +1,4 @@
-"""Running a case and measuring it: whatever happens in it is a record."""
+"""Run a case and measure it: any outcome of the run becomes a record."""
 
 import math
 import time
@@ -38,7 +38,7 @@ from swe_sphere.studies.record_store import Record, attempt, stepped
 Tick = Callable[[str], None]
 COSTS = ("newton_iterations", "krylov_iterations", "rejected_steps")
 TIMES = ("seconds", "step_seconds", "dt")
-"""Numbers of every record: wall times of all and of the steps alone [s], and the step [s]."""
+"""Numbers of every record: wall times of the case and of its steps alone [s], and the step [s]."""
 
 
 class Measure(Record):
@@ -57,7 +57,7 @@ class Measure(Record):
 
 
 def measure(case: Case, tick: Tick | None = None) -> Measure:
-    """Run a case and measure it as its method says; tick: called with the progress.
+    """Run a case and measure it by its method; tick: called with the progress.
 
     Raises Interrupted if the user asked to stop.
     """
@@ -84,7 +84,7 @@ def _stepped(case: Case, sim: Simulation, tick: Tick | None, *observers: Observe
 def _errors(case: Case, run: RunConfig, tick: Tick | None) -> Summary:
     """Run a case and measure the following quantities, as far as they are defined.
 
-    all of `Simulation.diagnostics` at the end; its errors are those against `Case.against`;
+    all of `Simulation.diagnostics` at the end, with errors relative to `Case.against`;
     rms_h, max_h      errors of depth, not normalised [m];
     l2_vorticity, decorrelation   against a reference; 1 - correlation of vorticity;
     area              relative error of the sphere's area;
@@ -113,7 +113,7 @@ def _begun(run: RunConfig) -> Simulation:
 
 @lru_cache(maxsize=1)
 def _completed(run: RunConfig) -> Simulation:
-    """Return a run that all cases of a name are compared with; RunFailed if it fails."""
+    """Return the run with which all cases of a name are compared; RunFailed if it fails."""
     sim = _begun(run)
     ended = stepped(sim)
     if not ended.completed:
@@ -173,7 +173,7 @@ SAMPLES = 120
 """About how many samples of a run are taken."""
 CHANGES = (*DRIFTS, "total_vorticity")
 ENDS = ("l2_h", "l2_v", "linf_h", "off_wave", "off_mirror")
-"""Numbers of which the last sample counts."""
+"""Numbers of which only the last sample is used."""
 
 
 @dataclass
@@ -199,7 +199,7 @@ class Series(Observer):
         Drifts are the largest of either sign over the run; max_wind [m s-1] is the largest,
         min_depth [m] the least; wind_growth is max_wind over that of the start, froude the largest
         max_wind over the speed of gravity waves, energy_gain the largest rise of energy.  Errors
-        are those at the end; growth_v and growth_h say how errors went with time, see `_growth`.
+        are those at the end; growth_v and growth_h describe their growth in time, see `_growth`.
         symmetry_day is the first day on which a hundredth of v² is off the symmetry, infinite if
         there is none.  Of tracers: extremes of mixing ratios, and the largest drift of a mass.
         """
@@ -276,7 +276,7 @@ def _images(mesh: Mesh, matrix: tuple[tuple[float, ...], ...]) -> NDArray[np.int
 def _series(case: Case, run: RunConfig, tick: Tick | None) -> Summary:
     """Run a case and measure extremes of the whole run, see `Series`, and its costs.
 
-    apart_h, apart_v: relative l2 distance at the end from the run that it is compared with.
+    apart_h, apart_v: relative l2 distance at the end from the run `against`.
     """
     sim = Simulation(make_scene(run), config=run)
     sim.begin(_plan(case, sim))
@@ -300,7 +300,7 @@ def _series(case: Case, run: RunConfig, tick: Tick | None) -> Summary:
 
 
 def _plan(case: Case, sim: Simulation) -> RunPlan | None:
-    """Return the steps that the case prescribes; None: as an ordinary run chooses them."""
+    """Return the steps that the case prescribes; None if it prescribes none."""
     if case.part is None and case.courant is None:
         return None
     if case.part is not None and math.isfinite(sim.stable_dt()):
@@ -317,11 +317,11 @@ def _plan(case: Case, sim: Simulation) -> RunPlan | None:
 
 
 WORST = ("mass_drift", "energy_gain", "froude", "rejected_steps")
-"""Numbers of which the largest of a batch of runs is kept."""
+"""Numbers of which a batch of runs keeps the largest."""
 
 
 def _seeds(case: Case, _: RunConfig, tick: Tick | None) -> Summary:
-    """Run each seed by itself and measure how many `stopped`, and the worst numbers of all."""
+    """Run each seed separately; measure how many `stopped`, and the worst numbers of all."""
     numbers, status, reason = {"seeds": float(len(case.seeds)), "stopped": 0.0}, "completed", ""
     for seed in case.seeds:
         if tick is not None:

@@ -24,14 +24,14 @@ from swe_sphere.studies.record_store import STOPPED, Store
 
 OUTCOMES = ("passed", "refused", "stopped", "broke", "failed")
 QUANTITIES = read_toml(Path(__file__).with_name("quantities.toml"))
-"""Labels and digits worth showing of quantities that need them, and names of observed orders."""
+"""Labels and significant digits of quantities, and names of their observed orders."""
 ORDERS = {name: of["order"] for name, of in QUANTITIES.items() if "order" in of}
 """Quantities that fall with refinement, and the names of their observed orders."""
 
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """A case, what was measured, and what it is compared with."""
+    """A case, its measured numbers, and the preceding row for observed orders."""
 
     case: Case
     measure: Measure
@@ -40,7 +40,7 @@ class Row:
 
     @cached_property
     def quantities(self) -> dict[str, float]:
-        """All numbers, and the observed orders since the row before by the names in `ORDERS`."""
+        """All numbers, and the observed orders since the preceding row, named as in `ORDERS`."""
         numbers = {n: math.nan if x is None else x for n, x in self.measure.numbers.items()}
         if self.before is None or self.before._fineness == self._fineness:
             return numbers
@@ -91,7 +91,7 @@ class Row:
 
     @cached_property
     def _verdict(self) -> tuple[str, list[str]]:
-        """The outcome, one of `OUTCOMES`, and the reasons why it is not another one."""
+        """The outcome, one of `OUTCOMES`, and the reasons for it."""
         status, reason, expect = self.measure.status, self.measure.reason, self.case.expect
         stopped = status in STOPPED
         if status != "completed" and not stopped:
@@ -111,7 +111,7 @@ class Row:
 
     @property
     def reason(self) -> str:
-        """Reason of any other outcome; empty for a run within its bounds."""
+        """Reason of the outcome; empty for a run within its bounds."""
         return "; ".join(filter(None, self._verdict[1]))
 
     @property
@@ -120,7 +120,7 @@ class Row:
         return self.outcome == "passed"
 
     def as_dict(self) -> dict[str, object]:
-        """Return all of it in plain numbers and words; None for what is not finite."""
+        """Return the row in plain numbers and words; None for numbers that are not finite."""
         config, case = self.config, self.case
         values = {
             "case": case.name, "scene": case.scene, "title": case.title,
@@ -146,7 +146,7 @@ class Row:
         return dict(finite(values))
 
     def as_result(self) -> dict[str, object]:
-        """Return the measure, the outcome and the bounds in words; None for what is not finite."""
+        """Return measure, outcome and bounds in words; None for numbers that are not finite."""
         return self.measure.model_dump() | {
             "numbers": finite(self.measure.numbers), "reason": self.reason,
             "stopped": self.measure.reason, "stepper": self.case.stepper, "outcome": self.outcome,
@@ -170,9 +170,9 @@ def run_cases(
     """Run the cases and yield their rows in order.
 
     Args:
-        cases: What to run.
-        known: Measures that are not made again.
-        store: Where new measures are kept.
+        cases: The cases.
+        known: Existing measures, which are not repeated.
+        store: Store of new measures.
         jobs: Number of processes; with several, cases that are not timed are measured first.
         tick: Called with the progress in words.
     """
@@ -194,7 +194,7 @@ def run_cases(
 def measured_beside(
     jobs: int, cases: Sequence[Case], known: Collection[str] = ()
 ) -> Iterator[Measure]:
-    """Measure cases in processes beside each other, those of a name in one, but none that is timed.
+    """Measure cases in parallel, those of a name in one process, and omit cases that are timed.
 
     known: Fingerprints of cases that are not measured.  Raises as `in_processes`.
     """
@@ -213,7 +213,7 @@ COLUMNS = {name: f"{name[:-2]}({name[-1]})" for name in NORMS} | {
     "order": "order(h)",
     "order_v": "order(v)",
 }
-"""Quantities that have a column of their own, and its head."""
+"""Quantities with a separate column, and its head."""
 
 
 def page(folder: str, rows: Sequence[Row], command: str) -> str:
@@ -251,9 +251,9 @@ def _drift(row: Row) -> float:
 
 
 def cells_of(row: Row) -> dict[str, str]:
-    """Return the cells of a row by the heads of their columns, empty where there is nothing.
+    """Return the cells of a row by the heads of their columns; cells may be empty.
 
-    They show what is bounded or reported, and all norms and orders if one of the norms is.
+    They show bounded and reported quantities, and all norms and orders if one norm is shown.
     """
     case, numbers, checks = row.case, row.quantities, row.checks
     # the introduction states the largest of those that hold

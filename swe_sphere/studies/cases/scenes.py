@@ -1,4 +1,4 @@
-"""Scenes of cases only: exact solutions, set-ups of another model, states hard to survive."""
+"""Scenes of cases only: exact solutions, set-ups of another model, demanding states."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -87,7 +87,7 @@ def friction(linear: float, quadratic: float, time: float) -> Scene:
 
 
 def driven(alpha: float = np.pi / 4.0) -> Scene:
-    """Solid-body flow that a forcing of wind and depth keeps up, all of it of first order (exact).
+    """Solid-body flow that is maintained by a forcing of wind and depth (exact).
 
     The planet does not rotate. With s the sine of the latitude above the equator of the flow,
 
@@ -186,9 +186,9 @@ def nondivergent_wave(depth: float) -> Scene:
 def thin_flow(depth: float, alpha: float) -> Scene:
     """The wind of williamson2 in a layer of uniform depth over a bottom that balances it (exact).
 
-    The continuous flow is stable at every depth: as seen from the fluid it is a layer at rest.
-    With winds faster than the gravity waves of the layer, schemes whose vorticity flux and kinetic
-    energy do not match are not (Hollingsworth et al. 1983; Peixoto, Thuburn & Bell 2018).
+    The continuous flow is stable at every depth: in the frame of the fluid it is a layer at rest.
+    If the wind is faster than the gravity waves, schemes whose vorticity flux and kinetic energy do
+    not match become unstable (Hollingsworth et al. 1983; Peixoto, Thuburn & Bell 2018).
 
     depth: of the layer [m]; alpha: tilt of the axis of flow and of rotation [rad].
     """
@@ -235,7 +235,7 @@ BOTTOMS: dict[str, Scalar] = {
     "island": lambda lon, lat: 3.5 * cone(lon, lat),
 }
 """Bottoms by name: the mesa, around the centre of the mountain of williamson5, has vertical sides;
-the peak of 5000 m is 960 m below the surface at rest, the island of 7000 m looks out of it."""
+the peak of 5000 m is 960 m below the surface at rest, the island of 7000 m rises above it."""
 
 
 def lake_over(bottom: Bottom) -> Scene:

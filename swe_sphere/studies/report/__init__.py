@@ -1,6 +1,6 @@
 """Results of a sweep: a headline and a table, an HTML report, and a Markdown page of a recipe.
 
-Needs nothing but the dataset of a sweep.
+All of these need only the dataset of a sweep.
 """
 
 from swe_sphere.studies.report.page import sweep_rankings, write_report

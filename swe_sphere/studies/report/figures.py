@@ -27,7 +27,7 @@ STYLE = Path(__file__).with_name("templates") / "figures.mplstyle"
 LOOKS = read_toml(STYLE.with_name("looks.toml"))
 """Colour, marker and fill of the steppers of the package, by family."""
 CUSTOM = LOOKS.pop("custom")
-"""Markers of custom steppers, which no stepper of the package has."""
+"""Markers of custom steppers; no stepper of the package uses them."""
 SCREEN = 122.0
 """Width of a figure of a page [mm]: on a telephone a point of text is about a pixel."""
 WIDE = 110.0
@@ -35,7 +35,7 @@ WIDE = 110.0
 MOST_CURVES = 8
 """A figure of more curves has a panel for each family, with the others in grey."""
 SMALLEST = 1e-17
-"""Zero is drawn here."""
+"""Value at which zero is drawn."""
 LEAST, SHORT, LONG = 3.0, 10.0, 300.0
 """Ratio of the highest to the lowest value of an axis: at least, and where it has fewer ticks."""
 
@@ -75,7 +75,7 @@ class Picture(NamedTuple):
 
     @property
     def inline(self) -> str:
-        """Address of the figure that contains all of it."""
+        """Data address that contains the whole figure."""
         return f"data:image/svg+xml;base64,{b64encode(self.svg.encode()).decode()}"
 
 

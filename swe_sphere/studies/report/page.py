@@ -1,4 +1,4 @@
-"""A sweep as a page: one HTML file that needs nothing else, and of recipes a Markdown file too."""
+"""A sweep as a page: one self-contained HTML file, and for recipes a Markdown file too."""
 
 import json
 import math
@@ -48,7 +48,7 @@ class Section:
     """The whole sweep."""
     runs: pd.DataFrame
     rankings: list[Ranking]
-    """The one to rank by first."""
+    """Error of the first ranking."""
 
     @cached_property
     def figures(self) -> list[list[Picture]]:
@@ -83,7 +83,7 @@ class Section:
 def sweep_rankings(datasets: Dataset | Mapping[str, Dataset]) -> list[Ranking]:
     """Return the decisive ranking for each mesh of sweeps: its headline and its table.
 
-    It is by the error of the search, or by the one that distinguishes steppers best. Raises
+    It ranks by the error of the search, or by the error that distinguishes steppers best. Raises
     ConfigError if a dataset is not one of a sweep.
     """
     return [ranking for section in read_sections(datasets) for ranking in section.rankings[:1]]
@@ -122,7 +122,7 @@ def slug(text: str) -> str:
 
 
 def run_table(runs: pd.DataFrame, short: bool = False) -> pd.DataFrame:
-    """Return the texts of the columns that say something about runs, by title and row.
+    """Return the texts of all columns with a value for some run, by title and row.
 
     short: of the essential columns alone.
     """

@@ -1,6 +1,6 @@
 """The runs of a sweep as a table of pandas, and which setting is best.
 
-Only runs that were measured count, never anything between them.
+Only measured runs count; nothing is interpolated.
 """
 
 import math
@@ -20,7 +20,7 @@ from swe_sphere.studies.pages import prose
 from swe_sphere.studies.sweep.record import FIELDS, UNITS, WORDS
 
 COMPARED = ("grid", "target")
-"""Roles of runs that stand for a setting; the others were made to find limits and references."""
+"""Roles of runs that represent a setting; the other runs find limits and references."""
 ERROR = ("kind", "field", "norm", "report_day")
 """Dimensions of the errors of a run, as `Metric` has them."""
 
@@ -28,7 +28,7 @@ KINDS = {"total": "total error", "time": "time error", "slow": "slow-flow error"
 SYMBOLS = {"l1": "l1", "l2": "l2", "linf": "l∞"}
 
 REPEATABLE = 0.03
-"""Times are no better known than this, relative to themselves."""
+"""Least relative uncertainty of a time."""
 TIMED_ONCE = 0.1
 """Relative uncertainty of the time of a run that was timed once."""
 LINES = ("-", "--", ":", "-.")
@@ -44,7 +44,7 @@ ANSWERED = {"slow": ("vorticity", "h", "v"), "total": ("h", "v", "vorticity"),
 first available one. Depth does not rank where the initial state sheds gravity waves, which long
 steps damp."""
 BEST, TIE = "★ ", "≈ "
-"""Marks of the cheapest run for a target, and of those that cannot be told from it."""
+"""Marks of the cheapest run for a target, and of runs that cannot be distinguished from it."""
 
 
 @dataclass(frozen=True)
@@ -52,12 +52,12 @@ class Metric:
     """One of the errors of a run, which names its column."""
 
     kind: str
-    """time: against a converged run of the same mesh; total: against the exact solution or a
-    reference; slow: of the slow flow alone."""
+    """time: relative to a converged run on the same mesh; total: relative to the exact solution or
+    a reference; slow: error of the slow flow alone."""
     field: str
     norm: str
     day: float
-    """When, in days."""
+    """Time [days]."""
 
     @property
     def symbol(self) -> str:
@@ -183,7 +183,7 @@ def cheapest(runs: pd.DataFrame, metric: Metric, target: float) -> pd.DataFrame:
 
 
 def targets(best: Iterable[float], resolved: float = 0.0) -> list[float]:
-    """Return round errors, falling: from one that all of these reach to the smallest that one does.
+    """Return round errors, falling: from one that all of them reach to the smallest reached one.
 
     They are powers of ten, and three times these if that gives at most MOST_TARGETS; of too many
     the smallest are omitted. resolved: smaller errors are too uncertain to be targets.
@@ -210,16 +210,16 @@ class Ranking:
     """For example "williamson5, ne16 np4"."""
     metric: Metric
     targets: list[float]
-    """Falling."""
+    """Target errors, the largest first."""
     runs: pd.DataFrame
     """All runs on the mesh, by number."""
     table: pd.DataFrame
     """Numbers of the cheapest run of each curve for each target, and of the run with its
     smallest error; 0 where there is none."""
     note: str = ""
-    """What to keep in mind."""
+    """Note on the limits of the ranking; may be empty."""
     floor: float = 0.0
-    """Error of the converged run that the errors are taken against; 0 where it is not known."""
+    """Error of the converged run to which the errors are relative; 0 if unknown."""
 
     def reached(self, target: int) -> pd.DataFrame:
         """Return the cheapest timed run of each curve for a target, by rising cost."""
@@ -233,7 +233,7 @@ class Ranking:
 
     @property
     def clock(self) -> str:
-        """Name of the time that steppers are ranked by; empty where none was taken."""
+        """Name of the time that ranks steppers; empty if no run was timed."""
         return next(iter(with_cost(self.runs, self.metric)["clock"]), "")
 
     @property

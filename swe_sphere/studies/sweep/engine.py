@@ -38,23 +38,23 @@ from swe_sphere.studies.sweep.runs import (
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan, make_plan
 
 SHORTEST = 64.0
-"""A search for an error goes down to this part of the longest step or of the gravity limit."""
+"""A search for an error tries steps down to the longest one, or the gravity limit, over this."""
 TRIAL_GROWTH = {True: 1.12, False: 2.0}
-"""Between trials while a limit is sought: where theory names one, and where it names none."""
+"""Ratio of trial steps in the search for a limit, with and without a limit from theory."""
 FARTHEST = {"gravity_limit": 64.0, "advective_limit": 8.0}
-"""A search for an error begins with a step of at most so many times the longer of these limits."""
+"""A search for an error begins with a step of at most the largest of these multiples of limits."""
 AGREE = 0.03
-"""Runs are repeated until their two shortest times differ by at most this part of the shorter,"""
+"""Runs are repeated until their two shortest times differ by at most this fraction,"""
 MOST_REPEATS = 3
-"""and at most so many times as often as the plan says."""
+"""and at most this many times as often as the plan requests."""
 SEARCHING = 0.7
-"""Part of a budget for searches; the rest is for repeats."""
+"""Fraction of a budget for searches; repeats use the remainder."""
 NEAR_BEST = 1.5
-"""Runs up to so many times the time of the cheapest good one are timed again."""
+"""Runs up to this many times the time of the cheapest accurate run are timed again."""
 
 Part = tuple[int, int | None]
-"""Runs that one process makes one after the other: the number of an integrator, and which of its
-grid, or None for its searches."""
+"""Runs that one process makes in turn: the number of an integrator, and the index in its grid, or
+None for its searches."""
 
 
 def sweep(
@@ -112,10 +112,10 @@ def run_sweep(
     own: a scene that stands behind the name in the plan.
 
     Raises:
-        ConfigError: the plan cannot be carried out, or not in that folder; or another sweep is at
-            work there.
-        RunFailed: the disk does not take the results.
-        Interrupted: the user asked to stop; the dataset of what is finished has been written.
+        ConfigError: the plan cannot be carried out in that folder, or another sweep is running
+            there.
+        RunFailed: the results cannot be written.
+        Interrupted: the user asked to stop; the dataset of finished runs has been written.
     """
     with locked(folder), ExitStack() as stack:
         gc.freeze()  # so that collections between runs skip older objects
@@ -257,7 +257,7 @@ class Sweep:
         self._watcher.note(f"{integrator.label}: {told}")
 
     def _search(self, everyone: list[Integrator]) -> None:
-        """Search for the errors of the plan, from the largest; then time what may be cheapest."""
+        """Search for the errors of the plan, the largest first; then time the cheapest runs."""
         good: dict[RunSpec, None] = {}
         for left, integrator in zip(range(len(everyone), 0, -1), everyone, strict=True):
             tried: dict[RunSpec, RunRecord] = {}
@@ -324,5 +324,5 @@ class Sweep:
 
 
 def making_parts(plan: SweepPlan, folder: Path) -> Callable[[Part], None]:
-    """Prepare a process beside others to run parts of a sweep."""
+    """Prepare one of several processes that run parts of a sweep."""
     return Sweep(plan, folder, SweepWatcher(), beside=True).make

@@ -37,7 +37,7 @@ CLOCKS = ("cpu_seconds", "wall_seconds")
 MESH, COUNTS, WORDS = _ROWS["mesh"], _ROWS["counts"], _ROWS["words"]
 """Names of the columns of a row: settings of the mesh, counts, and words."""
 UNITS = {name: unit for unit, names in _ROWS["units"].items() for name in names}
-"""Numbers of a row and their units; others that a run has come without."""
+"""Numbers of a row with their units; further numbers of a run have no unit."""
 
 
 class Errors(Record):
@@ -52,7 +52,7 @@ class Errors(Record):
 
     @classmethod
     def of(cls, kind: str, by_day: Mapping[float, Norms], share: float = 1.0) -> list[Errors]:
-        """Errors of fields by day; share: by which they are multiplied."""
+        """Errors of fields by day, multiplied by `share`."""
         return [
             cls(kind=kind, field=name, day=day, **{norm: share * x for norm, x in of.items()})  # type: ignore[arg-type]
             for day, errors in by_day.items()
@@ -75,13 +75,13 @@ class RunRecord(Record):
     errors: list[Errors]
     time_limit: float | None
     sources: dict[str, str]
-    """Fingerprints of all that the run was made of but its settings, by what it is."""
+    """Fingerprints of all sources of the run except its settings, by name."""
     jobs: int = 1
-    """Processes that may have been at work; where it was not alone its times are left out."""
+    """Number of parallel processes; with several, the times of the run are omitted."""
 
     @property
     def seconds(self) -> float:
-        """CPU time of its steps, on a GPU wall time [s]; NaN if other runs were beside it."""
+        """CPU time of its steps, on a GPU wall time [s]; NaN if other runs ran in parallel."""
         seconds = self.numbers.get(CLOCKS[self.config.device != "cpu"])
         return math.nan if seconds is None else seconds
 
@@ -123,7 +123,7 @@ def _changed(of: Mapping[str, str], sources: Mapping[str, str]) -> list[str]:
 def note_plan(
     folder: Path, runs: list[RunRecord], plan: SweepPlan, scene: Scene, sources: dict[str, str]
 ) -> str:
-    """Write down the request; return a note on the existing runs.
+    """Store the request; return a note on the existing runs.
 
     The note states how many runs are ignored, because a source has changed since the last sweep; it
     is empty otherwise. Raises ConfigError if the folder is of another scene or not of a sweep.
@@ -240,7 +240,7 @@ def _errors(runs: list[RunRecord]) -> xr.DataArray:
 def _converged(records: list[RunRecord]) -> tuple[float, float]:
     """Return the step of the time-converged run, and its own error in time (l2 of h at the end).
 
-    With several meshes it is that of the one with the largest error.
+    With several meshes, both are those of the mesh with the largest error.
     """
     finest: dict[tuple[object, ...], tuple[float, float]] = {}
     for run in records:

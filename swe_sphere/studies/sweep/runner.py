@@ -1,6 +1,6 @@
-"""Makes the runs of a sweep one after the other, keeps them, and takes their errors.
+"""Run the runs of a sweep one after the other, store them, and compute their errors.
 
-Errors are those against a time-converged run, in total, and of the slow flow.
+Errors are relative to a time-converged run, total, or those of the slow flow.
 """
 
 import gc
@@ -48,11 +48,11 @@ from swe_sphere.studies.sweep.runs import (
 )
 
 KEPT = ("u", "v", "h", "vorticity")
-"""Fields of a state of which errors are taken."""
+"""Fields of a state whose errors are computed."""
 TIMES = ("wall_seconds", "cpu_seconds", "setup_seconds", "compile_seconds", "total_seconds")
-"""Numbers that are not told of runs that were not alone."""
+"""Numbers that are not reported of runs in parallel with others."""
 WARM_STEPS = 2
-"""Steps before the clock runs: the second of a two-step method is its first real one."""
+"""Untimed steps at the start: the second step of a two-step method is its first regular one."""
 
 
 class SweepWatcher:
@@ -83,7 +83,7 @@ class SweepWatcher:
         self._bar.set_postfix_str(f"{self._label}, step {step} of {self._steps}")
 
     def done(self) -> None:
-        """Advance the bar: a run is finished, or was known."""
+        """Advance the bar: a run is finished or was stored already."""
         self._bar.update()
 
     def note(self, text: str) -> None:
@@ -93,7 +93,7 @@ class SweepWatcher:
 
 
 class Snapshots(Observer):
-    """Keeps the fields after some steps, by the report days of these."""
+    """Keeps the fields at report days, given as days by number of steps."""
 
     def __init__(self, days: dict[int, float]) -> None:
         self._days = days
@@ -195,7 +195,7 @@ class Runner:
     """Runs the runs; each one ends as a record in the store before the next begins.
 
     sources: those of all runs; records of other sources are ignored. time_limit: wall time of the
-    steps of a run [s]. jobs: number of processes at work beside each other.
+    steps of a run [s]. jobs: number of parallel processes.
     """
 
     def __init__(
@@ -212,10 +212,10 @@ class Runner:
         self._warm: set[Integrator] = set()
         self.interruption = Interruption()
         self.spent = 0.0
-        """Wall time of the steps of all runs made here [s]."""
+        """Wall time of the steps of all new runs [s]."""
 
     def read(self, store: Store[RunRecord]) -> None:
-        """Read the runs of a store as known ones, and keep new ones there."""
+        """Read the stored runs as known ones, and store new ones there."""
         self._store = store
         runs = current(store.records, self._sources)
         self._known = {(run.key, run.repeat): run for run in runs}
@@ -223,7 +223,7 @@ class Runner:
     def known(self, spec: RunSpec, repeat: int = 0) -> RunRecord | None:
         """Return the record of a run that need not be repeated, or None.
 
-        A run that ran out of time counts only if it would do so again.
+        A run that exceeded the time limit counts only if it would exceed the present one too.
         """
         record = self._known.get((spec.key, repeat))
         if record is None or record.status != "timed-out":
@@ -257,7 +257,7 @@ class Runner:
     def make(
         self, spec: RunSpec, time_limit: float | None = None, repeat: int = 0
     ) -> tuple[RunRecord, History]:
-        """Run a run, warm; return its record, without errors, and its fields at the report days."""
+        """Make a run, warmed up; return its record without errors, and fields at report days."""
         self.interruption.check()
         self._watcher.begin(spec)
         compiled = 0.0
@@ -288,14 +288,14 @@ class Runner:
 CONVERGED = "converged"
 """Folder of the fields of reference runs."""
 STEPPER, PART = "rk4", 0.25
-"""Explicit stepper of the time-converged run, and its step as a part of its stability limit."""
+"""Explicit stepper of the time-converged run, and its step as a fraction of the limit."""
 
 
 class Evaluator:
-    """Takes the errors of runs; what they are taken against is made when it is first asked for.
+    """Computes the errors of runs; reference runs are made when they are first needed.
 
-    Runs made for it have no time limit.  Their fields are kept in the folder and read again; where
-    one fails there is a record that tells why, and no fields.
+    Reference runs have no time limit.  Their fields are kept in the folder and read again; if a
+    reference run fails, its record contains the reason, and there are no fields.
     """
 
     def __init__(self, study: Study, runner: Runner, folder: Path) -> None:
@@ -317,8 +317,8 @@ class Evaluator:
     def converged(self, space: Discretisation) -> History:
         """Fields at report days of a run converged in time, on the same mesh in float64.
 
-        A run of twice the step tells by Richardson's rule how large its own error in time is; the
-        records of both hold these errors, and the total ones.
+        A run of twice the step yields its own time error by Richardson extrapolation; the records
+        of both contain these errors and the total ones.
         """
         key = (space.mesh.ne, space.mesh.np)
         if key not in self._converged:
@@ -338,7 +338,7 @@ class Evaluator:
         return self._converged[key]
 
     def _compare(self, coarse: RunSpec, fine: RunSpec) -> None:
-        """Make both runs and keep what each says of the other."""
+        """Make both runs, and store time errors from their difference."""
         made = {spec: self._runner.make(spec) for spec in (coarse, fine)}
         ours, right = (fields for _, fields in made.values())
         integrator, space = fine.integrator, fine.integrator.space
@@ -366,7 +366,7 @@ class Evaluator:
             return None
 
     def _keep(self, spec: RunSpec, record: RunRecord, history: History) -> None:
-        """Fields first: what there is a record of has been written."""
+        """Write fields, then the record, so that the fields of every record exist."""
         if record.status == "completed":
             fields = {name: [of[name] for of in history.values()] for name in KEPT}
             variables = {name: (("report_day", "node"), of) for name, of in fields.items()}
@@ -376,7 +376,7 @@ class Evaluator:
             self._runner.keep(record)
 
     def _total_errors(self, space: Discretisation, history: History) -> list[Errors]:
-        """The total errors alone: against a file of the day, or the exact solution at the nodes."""
+        """The total errors, relative to a file of the day or to the exact solution at the nodes."""
         found: dict[float, Norms] = {}
         for day, fields in history.items():
             key = (space.identity, day)

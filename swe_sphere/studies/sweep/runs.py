@@ -49,26 +49,26 @@ if TYPE_CHECKING:
     from swe_sphere.equations.spectrum import Spectrum
 
 RATIO = math.sqrt(2.0)
-"""Between the steps of an explicit stepper, whose useful range is short."""
+"""Ratio of successive steps of an explicit stepper, whose useful range is short."""
 FARTHEST = 64.0
-"""The longest implicit step, in gravity limits: what studies found useful, and a little more."""
+"""Longest implicit step, in gravity limits: slightly more than studies found useful."""
 SHORTEST = 2.0
-"""The shortest one; below, an explicit stepper does the same for a fraction of the time."""
+"""Shortest implicit step; at shorter steps an explicit stepper costs a fraction of the time."""
 
 REFINEMENTS = 6
 LIMIT_KNOWN, ACCURATE_KNOWN = 0.02, 0.05
-"""How closely searches find the longest step that works, or is accurate; relative."""
+"""Relative accuracy with which searches find the longest working, or accurate, step."""
 PLATEAU = 0.9
-"""An error that a halved step leaves above this part of itself does not depend on the step."""
+"""An error that a halved step leaves above this fraction of itself does not depend on the step."""
 
 
 TRIAL_STEPS, TRIAL_DAYS = 100, 5.0
-"""A trial of stability takes so many steps and so many days at least, and those of the sweep."""
+"""Least number of steps and of days of a trial of stability, which also covers the sweep."""
 PERTURBATION = 1e-7
 """Size of the noise that must not grow in a trial, relative to the largest value of a field."""
 GROWN, GROWTH_OF_FLOW = 10.0, 0.5
-"""A stable step amplifies it by at most the first, times e to the second for each day: flows too
-are unstable."""
+"""A stable step amplifies the noise by at most the first factor, times e to the second per day,
+because flows are unstable too."""
 
 
 class NoStepError(Exception):
@@ -159,16 +159,16 @@ def longest_accurate(
 History = dict[float, Fields]
 """Fields by report day."""
 Role = Literal["grid", "target", "stability", "converged"]
-"""What a run is made for: a grid, a search for an error or for the longest stable step, or to be
-compared with."""
+"""Purpose of a run: a grid, a search for an error or for the longest stable step, or a
+reference."""
 SESSION = uuid.uuid4().hex
-"""In the place of the fingerprint of code that is in no file: nothing of it is known later."""
+"""Stands for the fingerprint of code without a file, which cannot be compared later."""
 
 
 class Discretisation:
     """A scene on a mesh: its initial state, limits, and fresh simulations.
 
-    config: that of any run on it; its stepper is not used. own: a scene that replaces the named
+    config: that of any run on it, without use of its stepper. own: a scene that replaces the named
     one. Raises ConfigError if scene or mesh cannot be built.
     """
 
@@ -185,7 +185,7 @@ class Discretisation:
             "device": self.config.device, "launch": self.config.launch, "stepper": None,
             "code": code_fingerprint(),
         }  # fmt: skip
-        if self._own is not None:  # its functions may hang on more than its parameters
+        if self._own is not None:  # its functions may depend on more than its parameters
             same |= {name: str(values.tobytes()) for name, values in self.sim.start.items()}
         return fingerprint(same)
 
@@ -238,14 +238,14 @@ class Study:
         self.ne, self.np = plan.ne or (scene.ne,), plan.np or (scene.np,)
         self.days = scene.days if plan.days is None else plan.days
         self.report_days = tuple(sorted({*plan.report_days, self.days}))
-        """Times at which errors are taken [days]; the last is the end."""
+        """Times of errors [days]; the last is the end."""
         times = [Fraction(day * DAY).limit_denominator(1000) for day in self.report_days]
         self.interval = float(reduce(common_measure, times))
         """The longest time [s] of which all report times are multiples, to the millisecond."""
         self.slow = scene.sheds_waves if plan.slow is None else plan.slow
-        """Whether errors of the slow flow are taken."""
+        """Whether errors of the slow flow are computed."""
         self.files = reference_files(plan, scene, self.report_days)
-        """Independent solutions by report day; without any the exact one counts, if there is."""
+        """Independent solutions by report day; without any, the exact solution counts, if known."""
 
     def at(self, ne: int, np: int, precision: str = "float64") -> Discretisation:
         """Return the scene on the mesh and in the precision, built at the first request."""
@@ -283,7 +283,7 @@ class Study:
     def steps(self, dt: float, automatic: bool = False) -> RunPlan:
         """Return steps of at most dt [s] that meet all report times; ConfigError if no step does.
 
-        automatic: True if nobody gave dt, which may then be shortened as much as they require.
+        automatic: True for an automatic dt, which may be shortened as much as they require.
         """
         return time_plan(self.days, self.interval / 3600.0, dt, automatic=automatic)
 
@@ -407,10 +407,10 @@ class RunSpec:
     dt: float
     """The step [s]."""
     steps: RunPlan | None = field(compare=False)
-    """None if no step near the one wanted is possible."""
+    """None if no step near the requested one is possible."""
     role: Role = "grid"
     refusal: str | None = field(default=None, compare=False)
-    """Why it cannot be run, where that is known beforehand."""
+    """Why the run is impossible, if known beforehand."""
 
     @property
     def label(self) -> str:
@@ -430,7 +430,7 @@ class RunSpec:
 
     @cached_property
     def key(self) -> str:
-        """Name of all settings, files and code that affect the result."""
+        """Hash of all settings, files and code that affect the result."""
         of, study = self.integrator, self.integrator.study
         return fingerprint([
             of.space.identity, of.config.stepper, of.options, repr(self.dt), study.days,

@@ -127,14 +127,14 @@ class SweepPlan(SharedConfig):
     reference: Paths = ()
     """Lat-lon reference solution of a report day; repeatable."""
     slow: bool | None = None
-    """Whether to take the slow-flow error; by default where the start of the scene sheds waves."""
+    """Whether to compute the slow-flow error; by default if the initial state sheds waves."""
     settings: Names = ()
     """Change an effect or the scene; repeatable."""
     name: Annotated[str, AfterValidator(_of_folder)] = ""
-    """Of its folder among those of a recipe; empty: that of the scene."""
+    """Name of its folder in a recipe; empty: the name of the scene."""
 
     def run_config(self, **values: object) -> RunConfig:
-        """Return the configuration of one run of the sweep; None among the values is omitted."""
+        """Return the configuration of one run of the sweep; values that are None are omitted."""
         whole = self.model_dump(include={*SharedConfig.model_fields, "scene", "settings"}) | values
         return make_config({name: value for name, value in whole.items() if value is not None})
 
@@ -194,7 +194,7 @@ class Recipe:
 
     title: str
     sweeps: tuple[dict[str, Any], ...]
-    """Values of a plan for each, with the names of `SweepPlan`."""
+    """Values of the plan of each sweep, with the names of `SweepPlan`."""
     introduction: str = ""
     """Markdown before the results of all."""
     notes: Mapping[str, str] = field(default_factory=dict)
