@@ -70,8 +70,7 @@ class PointwiseSum:
     wind: Any
     """Function (c, node, size, w, x): two rows of wind rates [m s-2], with the wind of w and x."""
     depth: Any
-    """Function (c, node, size, w, x): a row of depth rates [m s-1], with the wind of w or a
-    prescribed one."""
+    """Function (c, node, size, w, x): a row of depth rates [m s-1], with the wind in w or given."""
     add: Any
     """Function (c, node, size, x, r): the rows r plus all rates."""
 

@@ -11,7 +11,7 @@ import scipy.sparse.linalg as sla
 import warp as wp
 
 from swe_sphere.solvers.krylov import FlexibleGMRES, Operator, Status
-from swe_sphere.solvers.newton import Forcing, NewtonKrylov, NewtonResult, followed_nonlinearity
+from swe_sphere.solvers.newton import NewtonKrylov, NewtonResult, followed_nonlinearity
 from swe_sphere.solvers.vector_space import VectorSpace
 
 Function = Callable[[np.ndarray], np.ndarray]
@@ -124,7 +124,7 @@ def test_reaction_diffusion_step_against_scipy() -> None:
     assert z == pytest.approx(scipy.optimize.newton_krylov(f, old, f_tol=1e-11), abs=1e-7)
 
 
-def constant(eta: float) -> Forcing:
+def constant(eta: float) -> Callable[[float, float, float | None], float]:
     """The same forcing term in every iteration."""
     return lambda *_: eta
 

@@ -163,6 +163,7 @@ IMEX = {
 
 
 PAIR = coefficients("esdirk4", "a", "b", "embedded")
+SPLIT = {name: getattr(STEPPERS["mis2"], name) for name in ("alpha", "beta", "gamma")}
 EMBEDDED = PAIR | {"estimate_order": 4}
 
 
@@ -241,6 +242,12 @@ EMBEDDED = PAIR | {"estimate_order": 4}
             EMBEDDED | {"embedded": (0.5, 0.2, 0.1, 0.0, 0.0, 0.0)},
             r"order 3 requires sum b = 1, .* by -0\.2",
         ),
+        ("epi3", 3, {"weights": ((0.6,),)}, r"integrate J\^0 t\^2 exactly, .* by 0\.0167"),
+        ("epi3", 4, {"weights": ((2 / 3,),)}, r"integrate J\^1 t\^2 exactly"),
+        ("epi4", 4, {"weights": ((11 / 6, -7 / 24),)}, r"integrate J\^1 t\^2 exactly"),
+        ("epi3", 3, {"weights": ((np.nan,),)}, r"integrate J\^0 t\^2 exactly, .* by nan"),
+        ("mis2", 3, SPLIT, r"order 3 requires sum b .* = 1/"),
+        ("mis2", 2, SPLIT | {"gamma": ((0.0,), (0.0, 0.0))}, "order 2 requires sum b"),
     ],
 )
 def test_coefficients_that_miss_a_condition_are_refused(

@@ -54,8 +54,7 @@ class Effect:
     computed: see `Model.mean_source`.)"""
 
     dissipation: ClassVar[bool] = False
-    """True if the effect damps: the user may enable it for any scene, and leapfrog schemes
-    evaluate it at the past level."""
+    """True if the effect damps: users may enable it; leapfrog evaluates it at the past level."""
 
     strengths: ClassVar[tuple[str, ...]] = ()
     """Parameters that must be finite and not negative; the effect vanishes if one is zero."""

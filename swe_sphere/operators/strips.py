@@ -22,8 +22,7 @@ from swe_sphere.mesh.partition import Part
 from swe_sphere.operators.launch import Cuts, Launcher, Span
 
 NODES = 4096
-"""Number of element nodes of a strip: their data fit the second-level cache, and longer runs of
-memory are read faster."""
+"""Number of element nodes of a strip, whose data fit the second-level cache."""
 
 
 class Strips:

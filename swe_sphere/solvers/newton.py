@@ -17,8 +17,7 @@ from swe_sphere.solvers.vector_space import VectorSpace
 
 # The unknown cannot resolve a correction of so few of its round-offs.
 ROUNDOFFS = 1e3
-# Least reduction of the guess's residual by a solve: accepting every guess unchanged would be an
-# explicit scheme.
+# Least reduction of the guess's residual; accepting every guess would be an explicit scheme.
 LEAST_GAIN = 0.5
 
 LAST, ALMOST = 0.7, 0.9
@@ -33,12 +32,6 @@ SHORTEST = 0.1
 """Least ratio of a trial step to the one before."""
 TRIALS = 11
 
-Forcing = Callable[[float, float, float | None], float]
-"""The relative tolerance eta of the next linear solve, |F + J d| <= eta |F|, from |F|, the norm
-that Newton is to reach, and the nonlinearity |F(x + d) - F - J d| / |F|^2 of an earlier step; None
-before the first."""
-
-
 FIRST = 0.02
 """Forcing term of the first step, before any estimate."""
 CAP = 0.1
@@ -47,13 +40,15 @@ saves Newton iterations, whose residuals are expensive."""
 
 
 def followed_nonlinearity(norm: float, target: float, nonlinearity: float | None) -> float:
-    """Return the `Forcing` that is as exact as the linear model was in the step before.
+    """Return a forcing term eta, as exact as the linear model was in the step before.
+
+    The solve ends at |F + J d| <= eta |F|. norm: |F|; target: largest |F| at the end; nonlinearity:
+    |F(x + d) - F - J d| / |F|^2 of an earlier step, None before the first.
 
     Choice 1 of Eisenstat & Walker (doi:10.1137/0917003, 1996, eq. 2.2) derives eta from the error
     of the last step's linear model; here that error, which is quadratic, is extrapolated to the
-    present |F|. If the estimate reaches the target, the system is solved as far as the target
-    permits; otherwise no further than the estimated error, and no further than half of the way (in
-    the logarithm), as two solves of equal depth cost least.
+    present |F|. If the estimate reaches the target, the system is solved as far as that permits;
+    otherwise to the estimated error, but at most half of the way, as two equal solves cost least.
     """
     wanted = target / norm
     if nonlinearity is None:
@@ -108,7 +103,6 @@ class NewtonResult(SolveResult):
 
     @property
     def krylov_iterations(self) -> int:
-        """Number of Krylov iterations of all Newton iterations together."""
         return sum(self.krylov)
 
 
@@ -117,7 +111,8 @@ class NewtonKrylov:
 
     def __init__(
         self, space: VectorSpace, gmres: FlexibleGMRES, rtol: float = 1e-6, atol: float = 0.0,
-        max_iterations: int = 20, max_krylov: int = 200, forcing: Forcing = followed_nonlinearity,
+        max_iterations: int = 20, max_krylov: int = 200,
+        forcing: Callable[[float, float, float | None], float] = followed_nonlinearity,
     ) -> None:  # fmt: skip
         """Set the tolerances: converged means |F(x)| <= max(rtol |F(x_0)|, atol) in the norm.
 
@@ -129,7 +124,7 @@ class NewtonKrylov:
         self.max_iterations, self.max_krylov = max_iterations, max_krylov
         self.forcing = forcing
         self.nonlinearity: float | None = None
-        """Last measured nonlinearity, see `Forcing`; it is kept from solve to solve."""
+        """Last measured nonlinearity, kept from solve to solve; see `followed_nonlinearity`."""
         self._residual, self._trial_residual = space.zeros(), space.zeros()
         self._trial, self._direction = space.zeros(), space.zeros()
 

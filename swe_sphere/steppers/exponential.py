@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
+from swe_sphere.errors import ConfigError
 from swe_sphere.ranks.limits import check_stop
 from swe_sphere.solvers.krylov import KrylovBasis, Operator
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.implicit import VariableStepper
+from swe_sphere.steppers.stability import ROUNDING
 from swe_sphere.steppers.stage_solver import StageSolver
 from swe_sphere.steppers.stepper import read_methods
 
@@ -205,6 +207,13 @@ class ExponentialMultistep(VariableStepper):
 
     @classmethod
     def complete(cls) -> None:
+        for m in range(2, cls.order):
+            for j in range(cls.order - m):
+                if not abs(error := _remainder(cls.weights, m, j)) <= ROUNDING:
+                    raise ConfigError(
+                        f"stepper {cls.name}: order {cls.order} requires `weights` that integrate"
+                        f" J^{j} t^{m} exactly, which they miss by {error:.3g}"
+                    )
         cls.error_constant = abs(_remainder(cls.weights, cls.order))
 
     def __init__(self, model: Model, dt: float, tolerance: float | None = None) -> None:
@@ -311,12 +320,12 @@ class ExponentialMultistep(VariableStepper):
             space.copy(krylov.plain[1], self._drift)
 
 
-def _remainder(weights: tuple[tuple[float, ...], ...], order: int) -> float:
-    """Return C in the error C dt^(p + 1) of a step for a remainder R = t^p/p!, p = order, J = 0."""
-    found = 1.0 / math.factorial(order + 1)
+def _remainder(weights: tuple[tuple[float, ...], ...], m: int, j: int = 0) -> float:
+    """Return C in the error C J^j dt^(m + j + 1) of a step for a remainder R = t^m/m!."""
+    found = 1.0 / math.factorial(m + j + 1)
     for k, row in enumerate(weights, 2):
-        values = sum(w * (-i) ** order for i, w in enumerate(row, 1))
-        found -= values / (math.factorial(k) * math.factorial(order))
+        values = sum(w * (-i) ** m for i, w in enumerate(row, 1))
+        found -= values / (math.factorial(k + j) * math.factorial(m))
     return found
 
 

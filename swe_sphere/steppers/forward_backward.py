@@ -184,8 +184,7 @@ class Passes:
 
 Triple = tuple[float, float, float]
 STRONG = 0.139
-"""Ratio of the wind to the speed of waves above which the coefficients for strong winds permit
-longer steps."""
+"""Wind over wave speed above which the coefficients for strong winds permit longer steps."""
 
 
 class SplitExplicit(FlowLimitStepper):

@@ -17,7 +17,7 @@ from swe_sphere.kernels.local import field_kernel
 from swe_sphere.solvers.gravity_waves import INERTIAL
 from swe_sphere.steppers.flow_limit import FlowLimitStepper, strongest_advection, wind_share
 from swe_sphere.steppers.imex_runge_kutta import scaled_rows
-from swe_sphere.steppers.stability import Complex, Rows, tableau
+from swe_sphere.steppers.stability import Complex, Rows, check_order, tableau
 from swe_sphere.steppers.stepper import read_methods
 
 Matrix = NDArray[np.float64]
@@ -48,6 +48,12 @@ class InfinitesimalStep(FlowLimitStepper):
     gamma: ClassVar[Rows]
     reach, looks = 60.0, 120
     repeats_from = 0
+
+    @classmethod
+    def complete(cls) -> None:
+        alpha, beta, gamma = cls._matrices()
+        *rows, b = np.linalg.solve(np.eye(STAGES) - alpha - gamma, beta)
+        check_order(cls, np.array([np.zeros(STAGES), *rows]), weights=b)
 
     def __init__(self, model: Model, dt: float, substeps: int = 0) -> None:
         super().__init__(model, dt)

@@ -20,8 +20,7 @@ from swe_sphere.operators.launch import Span, in_runs
 from swe_sphere.operators.replay import Replay
 
 REACH = 0.75
-"""Fraction of the stable interval that is used: with two or four stages the fastest modes are
-hardly damped at its end."""
+"""Fraction of the stable interval that is used; its end hardly damps the fastest modes."""
 ONE_STAGE = 1.24
 """Largest rate times step of a single stage.  Modes beyond 1 change their sign; at 0.97 of its
 limit `forward-backward` amplifies waves whose factor is below -0.24, at 0.95 it does not."""
@@ -204,5 +203,4 @@ class HeldPenalty:
         for _ in range(parts):
             penalise(end, 0.5 * dt / parts, self._middle, end)
             penalise(self._middle, dt / parts, end, end)
-        combine(rate, end, 1.0 / dt, out=rate)
-        combine(rate, self._point, -1.0 / dt, out=rate)
+        combine(rate, end, 1.0 / dt, self._point, -1.0 / dt, out=rate)

@@ -13,8 +13,7 @@ from swe_sphere.settings.values import read_toml
 OPTIMAL = read_toml(Path(__file__).with_name("chebyshev.toml"))
 """Weights beta_k by degree (Lottes 2023, doi:10.1002/nla.2518, table 1)."""
 KRYLOV_SIZE = 20
-"""Number of products for the largest eigenvalue to less than a per cent; a power iteration needs
-more than forty."""
+"""Number of products that find the largest eigenvalue to 1 %; power iterations need over 40."""
 
 
 def chebyshev_coefficients(degree: int, largest: float) -> list[tuple[float, float, float]]:

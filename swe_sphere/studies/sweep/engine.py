@@ -53,8 +53,7 @@ NEAR_BEST = 1.5
 """Runs up to this many times the time of the cheapest accurate run are timed again."""
 
 Part = tuple[int, int | None]
-"""Runs that one process makes in turn: the number of an integrator, and the index in its grid, or
-None for its searches."""
+"""Runs of one process in turn: number of an integrator, and index in its grid or None."""
 
 
 def sweep(

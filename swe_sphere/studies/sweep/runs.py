@@ -159,8 +159,7 @@ def longest_accurate(
 History = dict[float, Fields]
 """Fields by report day."""
 Role = Literal["grid", "target", "stability", "converged"]
-"""Purpose of a run: a grid, a search for an error or for the longest stable step, or a
-reference."""
+"""Purpose of a run: a grid, a search for an error or the longest stable step, or a reference."""
 SESSION = uuid.uuid4().hex
 """Stands for the fingerprint of code without a file, which cannot be compared later."""
 
