@@ -7,7 +7,7 @@ import pytest
 import scipy
 from support import IMPLICIT, harmonic, make_scene, random_state, relative, tangent, tendency
 
-from swe_sphere import Simulation
+from swe_sphere import DiagonallyImplicit, Simulation
 from swe_sphere.equations.effects import EdgePenalty, Hyperviscosity
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
@@ -213,6 +213,19 @@ def test_stages_contain_it_only_where_it_is_not_split(mesh, name):
     splits = name not in ("gauss-legendre", "esdirk4")
     assert launched[0] == launched[1 if splits else 2] and launched[1] < launched[2]
     assert stepper.order_in(model) == (min(stepper.order, 2) if splits else 4)
+
+
+def test_stages_of_custom_implicit_methods_contain_it(mesh):
+    class Custom(DiagonallyImplicit):
+        """Implicit Euler in two stages."""
+
+        name, order, a, b = "custom", 1, ((0.5,), (0.5, 0.5)), (0.5, 0.5)
+
+    try:
+        stepper = Custom(penalised(mesh, "pressure"), 600.0)
+        assert stepper.model.penalised and stepper.penalty is None
+    finally:
+        del STEPPERS["custom"]
 
 
 @pytest.mark.parametrize("name", ["esdirk4", "gauss-legendre"])

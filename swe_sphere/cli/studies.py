@@ -187,7 +187,7 @@ def ensemble(
     found = spread(members, field)
     typer.echo(f"{'day':>6}  {'spread':>10}  growth [1/day]")
     for day, value, rate in found.itertuples(index=False):
-        typer.echo(f"{day:6.4g}  {value:10.4g}  {rate:.3f}")
+        typer.echo(f"{day:6.4g}  {value:10.4g}  {'–' if np.isnan(rate) else f'{rate:.3f}'}")
     for path in write_spread(found, field, place):
         typer.echo(path)
 

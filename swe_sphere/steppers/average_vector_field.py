@@ -109,7 +109,7 @@ class AverageVectorField(ImplicitStepper):
     """
 
     name, order = "average-vector-field", 2
-    default_tolerance = 1e-6
+    default_tolerance, splits_penalty = 1e-6, True
     error_constant = 1.0 / 12.0  # the midpoint rule's
     equations = AverageProblem
     memory = "state", "slope"  # slope of the last step

@@ -104,7 +104,7 @@ class TRBDF2(DiagonallyImplicit):
     """
 
     name, order = "tr-bdf2", 2
-    default_tolerance = 1e-2
+    default_tolerance, splits_penalty = 1e-2, True
     estimate_order = 3
     _d, _w = 1.0 - math.sqrt(0.5), math.sqrt(2.0) / 4.0
     a = ((0.0,), (_d, _d), (_w, _w, _d))
@@ -134,7 +134,7 @@ class BDF2(ImplicitStepper):
     name, order = "bdf2", 2
     default_tolerance = 1e-2
     memory = "state", "previous"
-    penalised_at = 1.0
+    splits_penalty, penalised_at = True, 1.0
     error_constant = 2.0 / 9.0  # for equal steps (Hairer, Norsett & Wanner 1993, III.2)
 
     def allocate(self) -> None:

@@ -126,7 +126,6 @@ class GaussLegendre(ImplicitStepper):
     error_constant = error_constant(np.array(A), np.array(B), order)
 
     equations = CoupledStages
-    splits_penalty = False
     memory = "state", "slopes"  # slopes of the last step
 
     def allocate(self) -> None:

@@ -264,6 +264,7 @@ class ImplicitStepper(VariableStepper):
 
     equations: ClassVar[type[StageProblem]] = StageProblem
     """The equations of an implicit stage."""
+    splits_penalty = False  # safe for any method
     penalised_at: ClassVar[float] = 0.5
     """Time of the state whose edge penalty a step holds, in steps after its start."""
     solver: NewtonStages
