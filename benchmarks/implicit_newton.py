@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from unittest.mock import patch
 
 from sections import Section
@@ -9,10 +10,11 @@ from sections import Section
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
-from swe_sphere.solvers.newton import Forcing, followed_nonlinearity
+from swe_sphere.solvers.newton import followed_nonlinearity
 from swe_sphere.steppers import dirk, get_stepper
 from swe_sphere.testcases import get_scene
 
+Forcing = Callable[[float, float, float | None], float]
 RUNS = {
     "williamson5": (("bdf2", 3600.0), ("tr-bdf2", 7200.0), ("tr-bdf2", 14400.0),
                     ("tr-bdf2", 86400.0), ("sdirk3", 7200.0), ("esdirk4", 10800.0)),
