@@ -1,18 +1,20 @@
 """`ds.swe`: other grids, spectra, streamfunctions, integrals and errors, against known fields."""
 
 import re
+import shutil
 import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
+from netCDF4 import Dataset
 from scipy.special import sph_harm_y
 
 from swe_sphere.analysis.accessor import Analysis, open_run
 from swe_sphere.analysis.regrid import gaussian, lat_lon, parse_grid, regrid_file
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.integrals import area_mean
+from swe_sphere.io.integrals import area_mean, norms
 from swe_sphere.io.layout import frame_dataset
 from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.io.reference_solution import Reference, compare
@@ -183,6 +185,32 @@ def test_errors_against_a_run_on_another_mesh(data, mesh):
         data.swe.error_norms("run.nc")
 
 
+def test_errors_between_runs_are_weighted_with_areas(data, mesh):
+    """On a stretched mesh, whose nodes crowd where the runs differ."""
+    theirs = data.copy()
+    theirs["h"] = data.h * (1.0 + 0.01 * (mesh.lat > 0.5))
+    found = data.swe.error_norms(theirs, "h")
+    for norm, value in norms(mesh.area, data.h.values[0], theirs.h.values[0]).items():
+        assert found[f"{norm}_h"].item() == pytest.approx(value, rel=1e-12)
+
+
+def test_times_that_xarray_has_decoded_are_seconds_again(run):
+    with xr.open_dataset(run) as decoded:
+        assert np.issubdtype(decoded.time.dtype, np.datetime64)
+        assert decoded.swe.frames.times.tolist() == [0.0, 600.0, 1200.0]
+
+
+@pytest.mark.parametrize("grid", [lat_lon(30, 60), gaussian(12)])
+def test_points_of_a_grid_lie_within_the_bounds_of_their_cells(data, grid):
+    found = data.swe.to_grid(grid)
+    west, east = found.lon_bnds.values.T
+    np.testing.assert_allclose(0.5 * (west + east), found.lon, atol=1e-10)
+    south, north = found.lat_bnds.values.T
+    assert (south < found.lat).all() and (found.lat < north).all()
+    for below, above in ((west, east), (south, north)):
+        np.testing.assert_allclose(below[1:], above[:-1], atol=1e-10)
+
+
 ODD = {"planet": {"gravity": 10.0}, "done": True, "limit": None, "cuts": ["a"], "ends": (1.0, 2)}
 
 
@@ -324,6 +352,14 @@ def test_a_file_is_regridded_frame_by_frame(run, tmp_path):
         first, second = found.attrs["history"].splitlines()
         assert "regrid run.nc --grid latlon:19x36" in first and "run solid" in second
     assert [path.name for path in tmp_path.iterdir()] == ["grid.nc"]
+
+
+def test_a_frame_with_missing_values_is_not_regridded(run, tmp_path):
+    with Dataset(shutil.copy(run, tmp_path / "run.nc"), "a") as data:
+        data["h"][2, 5] = np.nan
+    with pytest.raises(ConfigError, match="1 values of h are missing or not finite"):
+        regrid_file(tmp_path / "run.nc", "latlon:19x36", tmp_path / "grid.nc")
+    assert not (tmp_path / "grid.nc").exists()
 
 
 def test_a_file_becomes_a_zarr_store(run, tmp_path):

@@ -330,6 +330,16 @@ def test_a_log_has_a_line_now_and_then(monkeypatch, capsys):
     ]
 
 
+def test_the_log_of_a_resumed_run_counts_its_own_days_alone(monkeypatch, capsys):
+    now = iter([0.0, 60.0])
+    monkeypatch.setattr("swe_sphere.simulation.observers.time.perf_counter", lambda: next(now))
+    lines = LogLines()
+    lines.begin(RunPlan(864.0, 100, 100, 864.0), SimpleNamespace(time=43200.0))
+    lines.tick(75)
+    told = capsys.readouterr().err
+    assert told == "swe-sphere: day 0.75 of 1 after 60 s, 0.25 days a minute, 60 s to go\n"
+
+
 # --- the program as a process
 
 

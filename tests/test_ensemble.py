@@ -84,14 +84,15 @@ def test_a_spread_is_that_of_the_members(tmp_path):
     square = np.average(((winds - winds.mean(axis=0)) ** 2).sum(axis=0) / 2.0, weights=mesh.area)
     assert found["spread"][0] == pytest.approx(np.sqrt(square), rel=1e-9)
     assert found["spread"][0] == pytest.approx(0.1 / np.sqrt(2.0), rel=0.5)
+    rate = np.log(found["spread"][1] / found["spread"][0]) / (found["day"][1] - found["day"][0])
+    assert np.isnan(found["growth"][0]) and found["growth"][1] == pytest.approx(rate, rel=1e-9)
     before = [file.stat().st_mtime_ns for file in files]
     run_members(make_config(SMALL), (1, 2, 3), tmp_path, told.append)
     assert [file.stat().st_mtime_ns for file in files] == before
     assert all("kept" in line for line in told[3:]) and len(told) == 6
-    with pytest.raises(ConfigError, match="holds a finished run"):
-        run_members(
-            make_config(SMALL | {"days": 0.5 * SMALL["days"]}), (1, 2), tmp_path, told.append
-        )
+    for changes in ({"days": 0.5 * SMALL["days"]}, {"dt": 720.0}):
+        with pytest.raises(ConfigError, match="holds a finished run"):
+            run_members(make_config(SMALL | changes), (1, 2), tmp_path, told.append)
     files += run_members(make_config(SMALL | {"ne": 3}), (4, 5), tmp_path, told.append)
     with pytest.raises(ConfigError, match=r"seed4\.nc has another mesh or other times than"):
         spread(files)

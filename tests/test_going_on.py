@@ -111,8 +111,9 @@ def test_a_reference_is_of_the_end_of_the_run():
         small("williamson5", reference=day15).run(days=0.25)
     early = small("williamson5", reference=day5, dt=3600.0, stepper="semi-implicit")
     assert early.run(days=5)["l2_h"] < 0.05
-    with pytest.raises(ConfigError, match="is of day 15, the run ends at day 2"):
-        small("williamson5", reference=day15, days=2)
+    for days in (2, 14.99, 15.01):
+        with pytest.raises(ConfigError, match=f"is of day 15, the run ends at day {days}"):
+            small("williamson5", reference=day15, days=days)
 
 
 @pytest.mark.parametrize(
@@ -266,3 +267,5 @@ def test_a_table_in_a_notebook_states_why_a_run_stopped():
     assert "nothing more to see" in sim._repr_html_()
     refused = failed_summary({"scene": "williamson6"}, "no such mesh", 2)
     assert "no such mesh" in refused._repr_html_()
+    statuses = [failed_summary({}, "", status).status for status in (1, 2)]
+    assert statuses == ["failed", "refused"]

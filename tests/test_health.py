@@ -13,7 +13,8 @@ from swe_sphere.equations import effects
 from swe_sphere.equations.effects import DYNAMICS, MASSES, PointwiseEffect, Relaxation, Rotation
 from swe_sphere.errors import ConfigError, Unstable
 from swe_sphere.io.runfile import RunFile
-from swe_sphere.simulation.observers import LOST, RUNAWAY, HealthCheck
+from swe_sphere.simulation.diagnostics import Snapshot
+from swe_sphere.simulation.observers import LOST, RUNAWAY, Callback, HealthCheck
 from swe_sphere.steppers import get_stepper, list_steppers
 from swe_sphere.steppers.stepper import Stepper
 
@@ -174,6 +175,19 @@ def test_what_forcing_can_add_does_not_excuse_more():
         check.observe(sim.snapshot)
 
 
+def test_what_forcing_can_add_is_the_same_however_often_the_state_is_checked():
+    scene = replace(basin(), effects=(*basin().effects, effects.Forcing()),
+                    forcing=lambda lon, lat, t: (0.0, 0.0, 1e-3))  # fmt: skip
+    sim = Simulation(scene, **SMALL)
+    sim.begin()
+    check, state = HealthCheck(sim), sim.stepper.state
+    for step in range(1, 49):
+        check.observe(Snapshot(sim.model, state, 900.0 * step, step, sim))
+    set_state(sim, lambda values: 5.0 * values)
+    with pytest.raises(Unstable, match=r"energy has grown 1\d\.\d times"):
+        check.observe(Snapshot(sim.model, state, 43200.0, 48, sim))
+
+
 def test_user_defined_effects_may_add_energy_and_the_user_may_limit_it():
     scene = replace(basin(), effects=(*basin().effects, Rain(rate=800.0 / 43200.0)))
     assert Simulation(scene, **SMALL).run(days=0.5).completed
@@ -230,6 +244,16 @@ def test_a_callback_that_spoils_the_state_is_named():
     summary = Simulation("williamson2", **SMALL).run(days=1 / 24, callbacks=[spoil])
     reason = "the solution is NaN in u at day 0.01042 (step 1): the callback spoil has changed the"
     assert summary.reason == f"{reason} state"
+
+
+def test_a_callback_that_left_a_sound_state_is_not_blamed_for_later_faults():
+    sim = Simulation("williamson2", **SMALL)
+    sim.step()
+    check = HealthCheck(sim)
+    check.observe(sim.snapshot, Callback(print))
+    set_state(sim, lambda x: np.nan * x)
+    with pytest.raises(Unstable, match=r"is NaN in .*; try a finer mesh, a smaller dt"):
+        check.observe(sim.snapshot)
 
 
 @pytest.mark.parametrize(

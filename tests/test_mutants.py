@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from mutants import EDITS, MUTANTS, STEP_EDITS, Edit, Swap
+from mutants import EDITS, MUTANTS, RESULT_EDITS, STEP_EDITS, Edit, Swap
 from mutants.kinds import copy_sources, verdict_of, verdict_of_tests
 from mutants.swaps import ASSEMBLY, METRIC, QUADRATURE, SCENES, STEPPERS
 
@@ -40,7 +40,7 @@ def test_nothing_is_noticed_without_a_fault() -> None:
     assert none.caught() is None
 
 
-@pytest.mark.parametrize("edit", [*EDITS, *STEP_EDITS], ids=label)
+@pytest.mark.parametrize("edit", [*EDITS, *STEP_EDITS, *RESULT_EDITS], ids=label)
 def test_text_to_replace_is_there(edit: Edit) -> None:
     """Once; who rewrites the line must say anew what a fault in it would be."""
     assert edit.anchored()

@@ -99,6 +99,16 @@ def test_only_the_fields_asked_for_are_written(tmp_path, mesh):
     assert [path.name for path in tmp_path.iterdir()] == ["run.nc"]
 
 
+def test_derived_fields_have_the_values_of_their_formulas(tmp_path, mesh):
+    values = {"u": 3.0, "v": 4.0, "h": 100.0, "vorticity": 1e-5, "divergence": 0.0, "f": 1e-4}
+    expected = {"kinetic_energy": 12.5, "potential_vorticity": 1.1e-6}
+    with FrameWriter(tmp_path / "run.nc", mesh, {}, only=[*expected]) as writer:
+        writer.write(0.0, {name: np.full(mesh.size, x) for name, x in values.items()})
+    frame = RunFile(tmp_path / "run.nc").frame()
+    for name, value in expected.items():
+        np.testing.assert_allclose(frame[name], value, rtol=1e-14)
+
+
 @pytest.mark.parametrize("ending", ["nc", "zarr"])
 def test_a_frame_of_another_length_is_not_written(tmp_path, mesh, ending):
     with FrameWriter(tmp_path / f"run.{ending}", mesh, {"scene": "x"}) as writer:

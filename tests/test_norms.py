@@ -12,6 +12,7 @@ from swe_sphere.io.integrals import (
     field_errors,
     integrals,
     norms,
+    tracer_numbers,
 )
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import EARTH, Planet
@@ -118,6 +119,15 @@ def test_drifts_are_relative():
     assert found["mass_drift"] == 0.0
     assert found["energy_drift"] == pytest.approx(-0.1)
     assert np.isnan(found["enstrophy_drift"])
+
+
+def test_drifts_of_tracers_are_relative(mesh):
+    full = np.full(mesh.size, 1.0)
+    fields = {"hq_dust": 3.0 * full, "q_dust": 0.5 * full}
+    numbers = tracer_numbers(mesh, fields, {"dust": 2.0})
+    assert numbers["mass_drift_q_dust"] == pytest.approx(0.5, rel=1e-12)
+    assert (numbers["min_q_dust"], numbers["max_q_dust"]) == (0.5, 0.5)
+    assert np.isnan(tracer_numbers(mesh, fields, {"dust": 0.0})["mass_drift_q_dust"])
 
 
 def test_courant_numbers(mesh):

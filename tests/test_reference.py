@@ -109,6 +109,19 @@ def test_errors_of_a_spectral_element_solution(tmp_path):
         assert value == pytest.approx(0.01, rel=1e-5)
 
 
+def test_the_title_of_a_reference_states_a_fraction_of_a_day(tmp_path):
+    reference = Reference(write_grid(tmp_path / "grid.nc", title="smooth, day 2.5"))
+    assert reference.nearest(None) == 2.5 * DAY
+
+
+def test_the_correlation_is_that_over_the_sphere(tmp_path):
+    """A field of sin(lat) and one of sin(lat)**3 have the correlation sqrt(21)/5."""
+    mesh = Mesh.build(6, 8)
+    fields = nodal(mesh) | {"vorticity": np.sin(mesh.lat) ** 3}
+    found = OnGrid(Reference(write_grid(tmp_path / "grid.nc")), mesh).decorrelation(fields)
+    assert found == pytest.approx(1.0 - np.sqrt(21.0) / 5.0, rel=1e-5)
+
+
 def test_surface_is_compared_over_orography(tmp_path):
     path = write_grid(tmp_path / "grid.nc", extra=700.0)
     mesh = Mesh.build(4, 8)
@@ -209,6 +222,16 @@ def test_the_time_is_the_last_that_both_runs_have(runs, tmp_path):
         writer.write(3600.0, nodal(mesh))
     with pytest.raises(ConfigError, match="have no common time"):
         compare(runs["first"], tmp_path / "apart.nc")
+
+
+def test_files_are_compared_with_weights_of_areas(tmp_path):
+    mesh = Mesh.build(4, 4, stretch=2.0)
+    fields = nodal(mesh)
+    others = fields | {"h": fields["h"] * (1.0 + 0.01 * (mesh.lat > 0.5))}
+    ours = write_run(tmp_path / "ours.nc", mesh, fields)
+    found = compare(ours, write_run(tmp_path / "theirs.nc", mesh, others))
+    for norm, value in norms(mesh.area, fields["h"], others["h"]).items():
+        assert found[norm] == pytest.approx(value, rel=1e-12)
 
 
 def test_fields_that_are_not_there(runs):

@@ -109,6 +109,14 @@ def test_rows_are_told_apart_if_their_times_do_not_overlap(spread, apart):
         assert (len(found.winners(0)) == 1) == apart
 
 
+def test_columns_are_multiples_of_either_limit_and_counts_per_step():
+    limits = {"gravity_limit": 300.0, "advective_limit": 1200.0}
+    counts = {"steps": 10, "newton_iterations": 20, "krylov_iterations": 60}
+    row = rows_of(run("bdf2", 600.0, 1.0) | limits | counts).iloc[0]
+    assert (row.gravity_multiple, row.advective_multiple) == (2.0, 0.5)
+    assert (row.newton_a_step, row.krylov_a_step) == (2.0, 6.0)
+
+
 def test_runs_on_a_gpu_are_ranked_by_wall_time():
     row = rows_of(run("rk4", 1.0, 2.0, device="cuda:0", wall_seconds=5.0)).iloc[0]
     assert (row.cost, row.clock) == (5.0, "wall time")
@@ -120,6 +128,8 @@ def test_runs_that_were_not_timed_have_errors_and_no_rank():
     (found,) = ranked(*untimed, levels=[1e-3])
     assert found.headline.startswith("Errors only on here")
     assert found.body[0][:2] == ["bdf2", "3600 s, 8.0e-4"] and "★" not in str(found.body)
+    (found,) = ranked(*untimed[::-1], levels=[1e-3])
+    assert "3600 s, 8.0e-4" in {line[0]: line[1] for line in found.body}["bdf2"]
     (found,) = ranked(*untimed[:3], *RACE[3:], levels=[1e-3])
     assert {line[0]: line[1] for line in found.body}["bdf2"] == "1800 s, 4.0 s, 5.0e-4"
 

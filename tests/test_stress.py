@@ -16,6 +16,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.simulation.planning import RunPlan
+from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.cases import (
     Case,
@@ -125,6 +126,22 @@ def test_growth_of_errors(power: float, growth: float) -> None:
     for day in days:
         series.observe(SimpleNamespace(time=day, diagnostics=sampled(day), snapshot=None))
     assert series.numbers()["growth_v"] == pytest.approx(growth, rel=0.01)
+
+
+def test_undershoots_of_tracers_count_as_overshoots_do() -> None:
+    sim = Simulation("deformational", ne=2, np=4)
+    (name, *_), before = sim.scene.tracers, sim.start
+    for key, bound, sign in (("min", np.min, -1.0), ("max", np.max, 1.0)):
+        beyond = {f"{key}_q_{name}": float(bound(before[f"q_{name}"])) + 0.25 * sign}
+        changed = SimpleNamespace(
+            mesh=sim.mesh,
+            model=sim.model,
+            scene=sim.scene,
+            start=before,
+            snapshot=sim.snapshot,
+            diagnostics=sim.diagnostics | beyond,
+        )
+        assert measuring._extremes(changed)["beyond_bounds"] == pytest.approx(0.25)
 
 
 # --- symmetries

@@ -483,3 +483,14 @@ def test_a_search_says_when_there_is_no_such_step():
     assert "the error stays at" in notes[0]
     errors = last(rows(dataset, role="target"), "total")
     assert np.isfinite(errors).all() and (errors > 1e-9).all()
+
+
+def test_a_search_is_for_the_total_error_where_it_is_known():
+    """Steps with a small enough error in time alone do not count."""
+    notes = []
+    watcher = SweepWatcher()
+    watcher.note = notes.append
+    dataset = sweep("lauter", "rk4", target_error=1e-5, watcher=watcher, **TINY)
+    tried = rows(dataset, role="target")
+    assert (last(tried, "time") <= 1e-5).any() and (last(tried, "total") > 1e-5).all()
+    assert "the error stays at" in notes[0]

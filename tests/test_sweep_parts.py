@@ -4,6 +4,7 @@ import errno
 import math
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ import pytest
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.files.durable import write_whole
 from swe_sphere.planet import DAY
+from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.planning import free_steps
 from swe_sphere.steppers import STEPPERS
+from swe_sphere.studies.sweep.record import Errors, _converged
 from swe_sphere.studies.sweep.runs import (
     NoStepError,
     Study,
@@ -177,6 +180,18 @@ def test_steps_meet_all_report_times():
     assert round(counts[-1]) == steps.steps
     with pytest.raises(ConfigError, match="no step near"):
         study.steps(2.0 * DAY)
+
+
+def test_the_stated_error_of_converged_runs_is_the_largest_of_all_meshes():
+    """On each mesh the run with the shortest step counts."""
+
+    def converged(ne: int, dt: float, l2: float) -> SimpleNamespace:
+        config = make_config({"scene": "lauter", "ne": ne, "np": 4, "dt": dt, "days": 1.0})
+        error = Errors(kind="time", field="h", day=1.0, l1=0.5 * l2, l2=l2, linf=2.0 * l2)
+        return SimpleNamespace(role="converged", config=config, errors=[error])
+
+    runs = [converged(2, 120.0, 1.6e-5), converged(2, 60.0, 1e-6), converged(4, 30.0, 3e-6)]
+    assert _converged(runs) == _converged(runs[::-1]) == (30.0, 3e-6)
 
 
 def test_trials_keep_their_step():

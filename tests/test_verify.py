@@ -21,6 +21,7 @@ from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.cases import (
     Case,
     Measure,
+    Row,
     choose,
     page,
     run_cases,
@@ -235,6 +236,19 @@ def test_rows_judge_what_was_measured(easy) -> None:
     assert [check.quantity for check in row.checks if not check.holds] == ["l1_h"]
     assert row.used > 1e3
     assert row.as_dict()["passed"] is False
+
+
+@pytest.mark.parametrize(
+    ("along", "values"), [("ne", (2, 4)), ("np", (4, 7)), ("dt", (600.0, 300.0))]
+)
+def test_an_order_is_per_doubling_of_elements_degree_or_steps(along: str, values: tuple) -> None:
+    row = None
+    for value, error in zip(values, (8e-3, 1e-3), strict=True):
+        run = {"scene": "williamson2", "ne": 2, "np": 4} | {along: value}
+        numbers = {"l2_h": error, "dt": run.get("dt", 600.0)}
+        found = Measure(fingerprint="", reason="", name="a", status="completed", numbers=numbers)
+        row = Row(Case(name="a", run=run, along=along), found, row)
+    assert row.quantities["order"] == pytest.approx(3.0)
 
 
 def test_a_run_that_stops_fails_and_says_why(easy) -> None:

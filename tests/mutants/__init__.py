@@ -8,10 +8,21 @@ from __future__ import annotations
 
 from mutants.edits import EDITS
 from mutants.kinds import Edit, Mutant, Swap, Tested
+from mutants.result_edits import RESULT_EDITS
 from mutants.step_edits import STEP_EDITS
 from mutants.swaps import SWAPS
 
-__all__ = ["EDITS", "MUTANTS", "STEP_EDITS", "SWAPS", "Edit", "Mutant", "Swap", "Tested"]
+__all__ = [
+    "EDITS",
+    "MUTANTS",
+    "RESULT_EDITS",
+    "STEP_EDITS",
+    "SWAPS",
+    "Edit",
+    "Mutant",
+    "Swap",
+    "Tested",
+]
 
-MUTANTS: tuple[Swap | Edit, ...] = (*SWAPS, *EDITS, *STEP_EDITS)
+MUTANTS: tuple[Swap | Edit, ...] = (*SWAPS, *EDITS, *STEP_EDITS, *RESULT_EDITS)
 """All mutants."""

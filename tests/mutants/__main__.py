@@ -16,7 +16,7 @@ import typer
 import warp as wp
 from rich.console import Console
 
-from mutants import EDITS, STEP_EDITS, SWAPS
+from mutants import EDITS, RESULT_EDITS, STEP_EDITS, SWAPS
 from mutants.kinds import ROOT, Mutant, copy_sources, verdict_of, verdict_of_tests
 
 sys.path.append(str(ROOT / "benchmarks"))
@@ -48,10 +48,12 @@ def _all() -> Iterator[tuple[Mutant, str | None]]:
         asked = tuple(dict.fromkeys(name for edit in EDITS for name in edit.cases))
         if blamed := verdict_of(copy, asked):
             raise SystemExit(f"the sources fail without any mutant: {blamed}")
-        tests = tuple(dict.fromkeys(name for edit in STEP_EDITS for name in edit.cases))
+        tests = tuple(
+            dict.fromkeys(name for edit in (*STEP_EDITS, *RESULT_EDITS) for name in edit.cases)
+        )
         if blamed := verdict_of_tests(copy, tests):
             raise SystemExit(f"a test fails without any mutant: {blamed}")
-        for edit in (*EDITS, *STEP_EDITS):
+        for edit in (*EDITS, *STEP_EDITS, *RESULT_EDITS):
             yield edit, edit.caught(copy)
 
 

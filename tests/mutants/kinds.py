@@ -101,6 +101,11 @@ class Tested(Edit):
         return verdict_of_tests(copy, self.cases)
 
 
+def tested(kind: str, *edits: tuple[str, str, tuple[str, ...], str, str]) -> tuple[Tested, ...]:
+    """Return edits of a kind, given as (name, where, tests, old, new)."""
+    return tuple(Tested(f"{kind}: {name}", *rest) for name, *rest in edits)
+
+
 def copy_sources(to: Path) -> Path:
     """A copy of the package, with its tests, that Python started in it finds before any other."""
     skip = shutil.ignore_patterns("__pycache__", "*.egg-info")

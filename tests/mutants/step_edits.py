@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mutants.kinds import Tested
+from mutants.kinds import tested
 
 __all__ = ["STEP_EDITS"]
 
@@ -29,13 +29,7 @@ _HALVED = (
     "test_dissipation.py::test_hyperviscosity_by_default_is_ten_times_less_for_half_the_spacing",
 )
 
-
-def _edits(kind: str, *edits: tuple[str, str, tuple[str, ...], str, str]) -> tuple[Tested, ...]:
-    """(name, where, tests, old, new) of each."""
-    return tuple(Tested(f"{kind}: {name}", *rest) for name, *rest in edits)
-
-
-TOLERANCE = _edits(
+TOLERANCE = tested(
     "tolerance",
     ("share of the truncation error × 10", MOTION, _MIDPOINT, "SHARE = 0.45", "SHARE = 4.5"),
     ("one power of the step less", MOTION, _MIDPOINT, "** (order - 1)", "** (order - 2)"),
@@ -78,7 +72,7 @@ TOLERANCE = _edits(
     ),
 )
 
-VARIABLE_STEP = _edits(
+VARIABLE_STEP = tested(
     "variable step",
     (
         "BDF2: weight of the present",
@@ -132,7 +126,7 @@ VARIABLE_STEP = _edits(
     ),
 )
 
-METADATA = _edits(
+METADATA = tested(
     "metadata",
     (
         "time of checkpoints one step early",
