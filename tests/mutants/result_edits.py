@@ -26,18 +26,18 @@ _MEMBERS = ("test_ensemble.py::test_a_spread_is_that_of_the_members",)
 SPLITTING = tested(
     "split dissipation",
     (
-        "esdirk4 holds the edge penalty over a step",
-        "swe_sphere/steppers/methods.toml",
+        "every implicit method holds the edge penalty over a step",
+        "swe_sphere/steppers/implicit.py",
         (f"{_IN_STAGES}[plain-esdirk4]",),
-        "splits_penalty = false",
-        "splits_penalty = true",
-    ),
-    (
-        "Gauss-Legendre holds the edge penalty over a step",
-        "swe_sphere/steppers/gauss.py",
-        (f"{_IN_STAGES}[plain-gauss-legendre]",),
         "splits_penalty = False",
         "splits_penalty = True",
+    ),
+    (
+        "bdf2 has the edge penalty in its equations",
+        "swe_sphere/steppers/dirk.py",
+        (f"{_IN_STAGES}[plain-bdf2]",),
+        "splits_penalty, penalised_at = True, 1.0",
+        "splits_penalty, penalised_at = False, 1.0",
     ),
     (
         "long steps extrapolate the state in full",
