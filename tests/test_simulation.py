@@ -125,7 +125,7 @@ def test_continued_plan_keeps_the_step():
         continued_plan(before, 2.0, None, done=288)
     plan = continued_plan(before, 24.01 / 24, None, done=1)
     assert (plan.dt, plan.steps, plan.tail, round(plan.last, 6)) == (600.0, 145, 1, 36.0)
-    with pytest.raises(ConfigError, match="steps of 600 s that the run takes; choose 1 or 1"):
+    with pytest.raises(ConfigError, match="whole number of steps of 600 s: choose 1 or 1"):
         continued_plan(before, 2.0, 1.1, done=1)
 
 
