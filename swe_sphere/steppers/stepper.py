@@ -163,10 +163,10 @@ class Stepper(Trajectory, ABC):
     """Time integrator of a model with a fixed step dt [s].
 
     A method defines `advance`, which changes `state` in place, and `growth`, which determines its
-    longest stable step. Its `model` has no edge penalty: the `penalty` acts in the middle of cycles
-    of steps. With `diffusion_apart` the model has no viscosity and no hyperviscosity either:
-    `diffusion` steps them, after even steps and before odd ones, which is Strang's splitting of two
-    steps and of second order.
+    longest stable step. With `splits_penalty` its `model` has no edge penalty: the `penalty` acts
+    in the middle of cycles of steps. With `diffusion_apart` the model has no viscosity and no
+    hyperviscosity: `diffusion` steps them, after even steps and before odd ones, which is Strang's
+    splitting of two steps and of second order.
     """
 
     family: ClassVar[Family] = "explicit"
@@ -177,7 +177,7 @@ class Stepper(Trajectory, ABC):
     diffusion_steps: ClassVar[int | None] = None
     """Steps over which `advance` includes `diffusion` in its change; None: `step` splits it off."""
     splits_penalty: ClassVar[bool] = True
-    """Split off, the edge penalty requires stages that damp waves of more than pi a step."""
+    """True if the penalty is split from the stages, which must damp waves of over pi a step."""
     diffusion_order: ClassVar[int] = 2
     """Order of separate diffusion; one above the order of the splitting gains nothing."""
     levels: ClassVar[tuple[str, ...]] = ()

@@ -43,7 +43,7 @@ class Check:
     high: float = math.inf
     low: float = -math.inf
     always: bool = False
-    """Whether the limits also apply to a run that was stopped early."""
+    """True if the limits also apply to a run that was stopped early."""
     obtained: float = math.nan
     """NaN for a quantity that was not measured."""
 

@@ -242,7 +242,7 @@ class Study:
         self.interval = float(reduce(common_measure, times))
         """The longest time [s] of which all report times are multiples, to the millisecond."""
         self.slow = scene.sheds_waves if plan.slow is None else plan.slow
-        """Whether errors of the slow flow are computed."""
+        """True if errors of the slow flow are computed."""
         self.files = reference_files(plan, scene, self.report_days)
         """Independent solutions by report day; without any, the exact solution counts, if known."""
 

@@ -127,7 +127,7 @@ class SweepPlan(SharedConfig):
     reference: Paths = ()
     """Lat-lon reference solution of a report day; repeatable."""
     slow: bool | None = None
-    """Whether to compute the slow-flow error; by default if the initial state sheds waves."""
+    """Compute the slow-flow error; the default is true if the initial state sheds waves."""
     settings: Names = ()
     """Change an effect or the scene; repeatable."""
     name: Annotated[str, AfterValidator(_of_folder)] = ""
