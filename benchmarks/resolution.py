@@ -2,6 +2,7 @@
 
     swe-sphere sweep --recipe benchmarks/resolution.toml --out build/resolution
     python benchmarks/resolution.py benchmarks/resolution.toml build/resolution PAGE_FOLDER
+                                    [--elsewhere SWEEPS_OF_ANOTHER_MACHINE]
 
 The first command runs the sweeps of the recipe, and resumes them; benchmarks/resolution_quick.toml
 is a small one.  The second fits a power law of ne and the Froude number to the ratios of cost,
@@ -113,9 +114,16 @@ def fitted(places: pd.DataFrame, base: str) -> Law | None:
     return Law(float(np.exp(law[0])), float(law[1]), float(law[2]), float(scatter), len(places))
 
 
-def write_map(datasets: Mapping[str, Dataset], out: Path, *, recipe: Recipe) -> Path:
+def write_map(
+    datasets: Mapping[str, Dataset],
+    out: Path,
+    *,
+    recipe: Recipe,
+    elsewhere: Mapping[str, Dataset] | None = None,
+) -> Path:
     """Write the page of a map, README.md, and its figures (SVG); return the path of the page.
 
+    elsewhere: sweeps on another machine, whose ratios are shown beside those of this one.
     Raises as `best_steps`.
     """
     best = best_steps(datasets)
@@ -140,11 +148,19 @@ def write_map(datasets: Mapping[str, Dataset], out: Path, *, recipe: Recipe) -> 
     files["README.md"] = environment.get_template("resolution.md.j2").render(
         recipe=recipe, figures=figures, **fits, best=best, bases=BASES, base="explicit",
         families=OTHERS, attributes=[dataset.attrs for dataset in datasets.values()],
+        elsewhere=_other_machine(elsewhere),
     )  # fmt: skip
     out.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
         (out / name).write_text(text, encoding="utf-8")
     return out / "README.md"
+
+
+def _other_machine(datasets: Mapping[str, Dataset] | None) -> dict[str, object] | None:
+    if not datasets:
+        return None
+    attributes = next(iter(datasets.values())).attrs
+    return {key: attributes[key] for key in ("machine", "cores")} | {"best": best_steps(datasets)}
 
 
 def _figure(best: pd.DataFrame) -> Figure:
@@ -167,12 +183,19 @@ def _figure(best: pd.DataFrame) -> Figure:
     return figure
 
 
-def main(recipe: str, sweeps: Path, out: Path) -> None:
-    """Write the map of the sweeps of a recipe, from the folder `sweeps` to the folder `out`."""
+def main(recipe: str, sweeps: Path, out: Path, elsewhere: Path | None = None) -> None:
+    """Write the map of the sweeps of a recipe, from the folder `sweeps` to the folder `out`.
+
+    elsewhere: folder of sweeps of the same recipe on another machine.
+    """
     loaded = load_recipe(recipe)
-    places = [sweeps / folder_of(sweep) / "sweep.nc" for sweep in loaded.sweeps]
-    datasets = {path.parent.name: xr.load_dataset(path) for path in places if path.exists()}
-    typer.echo(write_map(datasets, out, recipe=loaded))
+
+    def sweeps_in(folder: Path) -> dict[str, Dataset]:
+        places = [folder / folder_of(sweep) / "sweep.nc" for sweep in loaded.sweeps]
+        return {path.parent.name: xr.load_dataset(path) for path in places if path.exists()}
+
+    others = sweeps_in(elsewhere) if elsewhere else None
+    typer.echo(write_map(sweeps_in(sweeps), out, recipe=loaded, elsewhere=others))
 
 
 if __name__ == "__main__":
