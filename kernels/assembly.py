@@ -1,12 +1,12 @@
 """Direct stiffness summation (DSS) as a gather, and the terms that need no derivative.
 
-Each unique node sums its contributors in a fixed order and without atomics, so results repeat bit
-for bit on any device. Meshes number their nodes by the count of contributors (one, two, more), so
-that the branches cost nothing; a node with three contributors has a fourth that points to a zero. A
-pointwise term commutes with the mass-weighted average, so it is added here once per unique node
-instead of once per element node. Arrays are separate arguments and not members of a structure: only
-then does Warp compile a path for contiguous arrays, which is faster on a CPU. A thread handles one
-node, or on a CPU as many consecutive nodes as fill a register.
+Each unique node sums its contributors, the results of the elements that share it, in a fixed order
+and without atomics, so results repeat bit for bit. Meshes number their nodes by the count of
+contributors (one, two, more), so that a processor predicts the branches; a node with three of them
+has a fourth that points to a zero. A pointwise term commutes with the mass-weighted average, so it
+is added once per unique node instead of once per element node. Most arrays are separate arguments,
+because Warp compiles its faster path for contiguous arrays on a CPU only for arguments. A thread
+handles one node, or on a CPU as many consecutive nodes as fill a register.
 """
 
 import functools
@@ -71,7 +71,7 @@ def assemble_blocks(
     begin: int, places: Places, inverse_area: vector, stride: int, size: int, count: int,
     first: int, local: vector, s: stage, out: vector,
 ):  # fmt: skip
-    """Assemble `count` local fields into the blocks from `first` on, at nodes from `begin` on."""
+    """Assemble `count` local fields at nodes from `begin` on, into blocks (N,) of out[first:]."""
     node = begin + lanes * wp.tid()
     scale = load(inverse_area, node)
     for k in range(count):
@@ -106,9 +106,9 @@ def drift(
     places: Places, inverse_area: vector, size: int, local: vector, tau: real, rate: vector,
     s: vector, carries: int, kept: real, path: vector,
 ):  # fmt: skip
-    """Step the depth of a state s (3N, ...) at N nodes by the local divergence of the elements.
+    """Set h += tau (DSS of `local` + rate) at N nodes, for depth h and wind V of s (3N, ...).
 
-    If `carries` is 1, the kernel also sets path = kept path + tau V, with the path (2N,).
+    If `carries` is 1, the kernel also sets path = kept path + tau V, with the path (2N,) [m].
     """
     i = wp.tid()
     k = 2 * size + i
@@ -124,7 +124,7 @@ def kick(
     places: Places, inverse_area: vector, stride: int, size: int, local: vector, gravity: real,
     tau: real, rate: vector, s: vector,
 ):  # fmt: skip
-    """Step both winds at N nodes by -gravity times the local gradient of the elements."""
+    """Set V += tau (rate - gravity DSS of `local`) for both winds of a state s at N nodes."""
     i = wp.tid()
     j = size + i
     scale = -gravity * inverse_area[i]

@@ -1,4 +1,4 @@
-"""Coarse functions: transfers from and to fields on elements, and their sparse products."""
+"""Transfers between fields on elements and coefficients of coarse functions; sparse products."""
 
 import functools
 from typing import Any
@@ -82,10 +82,10 @@ def sweep(
 ):  # fmt: skip
     """Take a Chebyshev step over groups of `lanes` rows of a `SlicedMatrix`.
 
-    The `values` of group g are entries at[g] to at[g + 1]; they multiply the numbers that start at
-    d[begin]. Vectors have one register per group, and d is viewed as a flat array. The step is r -=
-    M d, after = keep d + take r/diagonal, x = before + beta after; `after` and d must be different
-    arrays.
+    The `values` of group g are entries k from at[g] to at[g + 1]; entry k multiplies the register
+    at flat_d[begin[k]], where flat_d is d as a flat array. Vectors have one register per group. The
+    step is r -= M d, after = keep d + take r/diagonal, x = before + beta after; `after` and d must
+    be different arrays.
     """
     g = wp.tid()
     residual = r[g] - runs_sum(at, begin, values, flat_d, g)
@@ -101,8 +101,8 @@ def tall_product(
 ):
     """Set out = M x, or out += M x if `add`, over groups of `lanes` rows of a `TallMatrix`.
 
-    The rows of a group share their columns. The `values` of group g are entries at[g] to at[g + 1],
-    each for one column.
+    The rows of a group share their columns. The `values` of group g are entries k from at[g] to
+    at[g + 1]; entry k belongs to columns[k].
     """
     g = wp.tid()
     total = numbers_sum(at, columns, values, x, g)
@@ -113,13 +113,13 @@ def tall_product(
 
 @kernel
 def tall_parts(at: Numbers, values: registers, y: registers, out: vector):
-    """Store the contribution of each group to M' y, column by column."""
+    """Store in out[k] the contribution of entry k, one column of a group of rows, to M^T y."""
     columns_products(at, values, y, wp.tid(), out)
 
 
 @kernel
 def tall_total(ends: Numbers, listed: Numbers, parts: vector, out: vector):
-    """Sum these contributions over columns; column c lists its own from ends[c] to ends[c + 1]."""
+    """Sum the contributions parts[listed[k]], with k from ends[c] to ends[c + 1], of column c."""
     c = wp.tid()
     found = real(0.0)
     for k in range(ends[c], ends[c + 1]):

@@ -1,4 +1,4 @@
-"""Damping of the modes of each element: an inexpensive stand-in for inverse implicit diffusion."""
+"""Damping of the modes of each element, which approximates a solve of implicit diffusion."""
 
 import warp as wp
 
@@ -13,9 +13,9 @@ matrix, each = wp.array2d(dtype=real), wp.array2d(dtype=value)
 
 @kernel
 def damp(to_modes: matrix, to_nodes: matrix, factor: each, scale: each, x: local, out: local):
-    """Multiply the modes of an element by `factor` (groups, np*np), then by `scale`, over groups.
+    """Multiply modes of an element by `factor` (groups, np*np), then nodal values by `scale`.
 
-    `to_modes` and `to_nodes` (np, np) transform along one coordinate.
+    `to_modes` and `to_nodes` (np, np) transform along one coordinate; runs over groups.
     """
     e = wp.tid()
     a = wp.zeros(shape=(np_, np_), dtype=value)
@@ -51,7 +51,7 @@ def covariant(node: nodes, basis: basis, size: int, r: state, first: local, seco
 
 @kernel
 def physical(weight: matrix, basis: basis, first: local, second: local, east: local, north: local):
-    """Store the wind of covariant components, with DSS weights; threads as in `covariant`."""
+    """Store W J times the wind with these covariant components; threads as in `covariant`."""
     e, part = wp.tid()
     for n in range(part * share, part * share + share):
         w = weight[n // np_, n % np_]

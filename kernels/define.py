@@ -1,9 +1,9 @@
 """Definition of kernels, device functions and their structures.
 
 A kernel is compiled for a number type and for a count of numbers side by side. Its code uses names
-(`Name`) for everything that depends on them: `real` is the number type, `load` loads one register.
-`specialise` returns the Warp kernel in which these names, also inside the functions that it calls,
-stand for their values for a `Register` or for the `KernelTypes` of elements.
+(`Name`) for everything that depends on either: `real` is the number type, `load` loads a register.
+`specialise` returns the Warp kernel for a `Register` or for the `KernelTypes` of elements: it
+replaces each name by its value, also in the functions that the kernel calls.
 
 A formula is thus written once, with names for the types of its arguments and constants:
 
@@ -29,7 +29,7 @@ REGISTER_BYTES = 64
 
 
 def source(name: str, **given: object) -> str:
-    """Return the C++ of a native function, kernels/simd/NAME.cpp, with the values of its $names."""
+    """Return the C++ code in kernels/simd/NAME.cpp, each $key replaced by its value in `given`."""
     path = Path(__file__).with_name("simd") / f"{name}.cpp"
     return Text(path.read_text(encoding="utf-8")).substitute(given)
 
@@ -38,8 +38,8 @@ def source(name: str, **given: object) -> str:
 class Register:
     """A register of `lanes` numbers of the type `real`, or a plain number if `lanes` is 1.
 
-    whole: products use whole registers. Products of numbers that were gathered lane by lane take
-    half as long again this way.
+    whole: True if products are computed in whole registers, which is slower for numbers that were
+    gathered lane by lane.
     """
 
     real: Any
@@ -72,9 +72,9 @@ class Register:
         """Return a decorator that builds a device function from C++; Warp identifies it by name.
 
         The code uses the types `number`, `run` (a register of the processor), `runs` (a pointer to
-        one) and `value` (the register of Warp), the number `lanes`, and `as_value(run)`. The
-        compiler turns loops over the lanes of Warp's vectors into whole registers in most places
-        only. Each statement contains one operation, so that the compiler contracts none.
+        one) and `value` (the register of Warp), the number `lanes`, and `as_value(run)`. In some
+        places the compiler does not vectorise loops over the lanes of Warp's vectors. Statements
+        contain one operation where a fused multiply-add would change bits between variants.
         """
         return lambda f: Template(f, lambda made, of: wp.func_native(of.prelude + code)(made))
 
@@ -103,7 +103,7 @@ class Name:
     """A type, number or function in kernel code whose value depends on the register or elements."""
 
     def __init__(self, find: Callable[[Any], Any], of_elements: bool = False) -> None:
-        """Store `find`: from a `Register`, or `KernelTypes` if `of_elements`, to the value."""
+        """Store `find`: a function of a `Register`, or of `KernelTypes` if `of_elements`."""
         self._find, self.of_elements, self._found = find, of_elements, dict[Any, Any]()
 
     def find(self, of: Any) -> Any:
@@ -141,7 +141,7 @@ class Template(Name):
 
 
 def specialise(it: Any, of: Any) -> Any:
-    """Return the value of a name, or of an array type with one, for a register or elements.
+    """Return the value of a `Name` or of an array type of one; any other object is returned as is.
 
     of: a `Register`, `KernelTypes`, or a number type of Warp, which stands for plain numbers.
     """
@@ -156,22 +156,22 @@ if TYPE_CHECKING:  # annotations of what Warp compiles are Warp types
     from typing import no_type_check as kernel
 else:
     OPTIONS = {"module": "unique", "enable_backward": False, "module_options": {"max_unroll": 1}}
-    """Options of all kernels.  Kernels with loops compile for long if the loops are unrolled.
-    Compiler flags stay at their defaults: for each set of flags a process compiles Warp's own
-    headers, which takes 3 s."""
+    """Options of all kernels.  Unrolled loops would take long to compile.  Compiler flags stay at
+    their defaults, because each set of flags requires another compilation of Warp's headers, which
+    takes seconds."""
 
     def func(f: Any) -> Template:
-        """Turn a Python function into a device function; decorates all of them."""
+        """Turn the decorated Python function into a device function."""
         return Template(f, lambda made, _: wp.func(made))
 
     def kernel(f: Any) -> Template:
-        """Turn a Python function into a kernel; decorates all of them."""
+        """Turn the decorated Python function into a kernel."""
         return Template(f, lambda made, _: wp.kernel(made, **OPTIONS))
 
 
 @functools.cache
 def rows(count: int) -> Any:
-    """Return the name of `count` consecutive registers."""
+    """Return the `Name` of the type of `count` consecutive registers."""
     return Name(lambda of: of.rows(count))
 
 
@@ -184,7 +184,7 @@ index: Any = Name(lambda of: of.index)
 vector: Any = Name(lambda of: wp.array(dtype=of.real))
 """Array of numbers."""
 lanes: Any = Name(lambda of: of.lanes)
-"""Numbers in a register."""
+"""Count of numbers in a register."""
 
 
 def struct_of(name: str, members: dict[str, Any]) -> Any:

@@ -1,8 +1,8 @@
 """Dissipation at a point: weak Laplacians of wind (Hodge) and surface height, and the edge penalty.
 
-The penalty acts on the jumps of vorticity and divergence at the edges of elements. Each element has
-its own vorticity and divergence at an edge; their weighted means run over the elements that meet
-there. The weak form for every test wind w is
+The penalty acts on the jumps of vorticity zeta and divergence delta at the edges of elements, from
+the values in each element to their weighted means over the elements that meet there. With a
+coefficient gamma [m2 s-1], GLL weights W and area elements J, the weak form for a test wind w is
 
     -sum over elements and edge nodes of gamma W J [(zeta - mean) curl w + (delta - mean) div w].
 
@@ -27,10 +27,10 @@ from swe_sphere.kernels.terms import Terms, geometry, local, np_
 def diffusion(terms: Terms, height: bool, wind: bool) -> Formula:
     """Return the weak Laplacian of the surface height, of the wind or of both.
 
-    The weak Laplacian is -(grad phi, grad s) for each nodal test function and the surface height s,
-    and -(div phi, div V) - (curl phi, curl V) for each nodal test wind. `fluxes` returns the rows
-    for the transposed derivatives; `result` (geometry, t1, t2, e, n, out) adds their result to
-    `out`, which holds the other terms.
+    The weak Laplacian is -(grad phi, grad s) of the surface height s for each nodal test function
+    phi, and -(div w, div V) - (curl w, curl V) of the wind V for each nodal test wind w. `fluxes`
+    returns the rows for the transposed derivatives t1 and t2; `result` (geometry, t1, t2, e, n,
+    out) returns the weak Laplacian plus the values of `out`, if that holds the other terms.
     """
     fields, at_div, at_curl = height + 2 * wind, int(height), height + 1
     kind, adds, first = rows(fields), terms.dynamics, 0 if wind else terms.unknowns - 1

@@ -20,7 +20,7 @@ from swe_sphere.kernels.terms import Terms, geometry, np_
 
 @functools.cache
 def transport(tangent: bool = False) -> Formula:
-    """Return the formula of -div(m V), mass m at `at` and wind V of a; rounded as in `state`.
+    """Return the formula of -div(m V), with m = x[at:] and the wind V of a, rounded as in `state`.
 
     The tangent is -div(m' V + m V'), with (V, m) of the state a and (V', m') of x.
     """
@@ -63,7 +63,7 @@ def _slope(geo: geometry, w: none, d1: single, d2: single, e: int, n: int):
 
 
 gradient = Formula(none, no_wind, single, _field, _slope, 2, is_scalar=True)
-"""Formula of grad s for the field s at `at`."""
+"""Formula of grad s for the field s at the offset `at` of x."""
 
 
 def state(terms: Terms) -> Formula:
@@ -161,9 +161,9 @@ def _equations(terms: Terms, curls: int) -> tuple[Any, Any, Any]:
     """Return the row type of the momentum and continuity equations, and `parts` and `rates`.
 
     The rows are B, the flux of the continuity equation, and `curls` winds if there is advection.
-    `parts` (geometry, e, n, head, fu, fv, u, v) fills the rows except a second wind. `rates`
-    (geometry, d1, d2, e, n, tu, tv) returns the rates of the wind, turned by (tu, -tv), and of the
-    depth.
+    `parts` (geometry, e, n, head, fu, fv, u, v) fills the rows except a second wind, with head = B.
+    `rates` (geometry, d1, d2, e, n, tu, tv) returns the rates of the wind, to which advection adds
+    (tu, -tv), and of the depth.
     """
     mass, advection, last = not terms.momentum, terms.advection, 2 - terms.momentum
     kind, fields = rows(last + advection * curls), rows(2 + mass)
@@ -204,7 +204,7 @@ def _equations(terms: Terms, curls: int) -> tuple[Any, Any, Any]:
 
 
 def surface_height(terms: Terms) -> Any:
-    """Return the function (geometry, node, h) for h + b; for h without a bottom or in a tangent."""
+    """Return the function (geometry, node, h) of h + b, or of h in a tangent or without bottom."""
 
     @func
     def surface(geo: geometry, node: index, h: value):

@@ -56,7 +56,7 @@ def element_sweep(
         for i in range(np_):
             for j in range(np_):
                 at_node = i * np_ + j
-                if wp.static(shared):  # noqa: SIM108 - a static choice takes an if
+                if wp.static(shared):  # noqa: SIM108 - a static choice needs an if
                     w = winds[i, j]
                 else:
                     w = wind(geo, a, x, e, at_node)
@@ -68,7 +68,7 @@ def element_sweep(
                     f2[i, j] = r2
         for i in range(np_):
             for j in range(np_):
-                if wp.static(to_edges):  # noqa: SIM102 - a static choice takes an if
+                if wp.static(to_edges):  # noqa: SIM102 - a static choice needs an if
                     if i > 0 and i < np_ - 1 and j > 0 and j < np_ - 1:
                         continue
                 s1 = d1(geo.derivative, f1, i, j)
@@ -115,7 +115,7 @@ def keep_fields(fields: int) -> Any:
 def element_diffusion(t: KernelTypes, finish_of: Any = None) -> Any:
     """Return the function (geometry, x, e, n, out, done) for weak Laplacians in a group e.
 
-    finish_of: maps a number of fields to their `Finish`. n is unused.
+    finish_of: function from a number of fields to their `Finish`. n is unused.
     """
     last = t.terms.unknowns - 1
     of_height = _laplacian(t, diffusion(t.terms, True, False), last, finish_of and finish_of(1))
@@ -172,7 +172,7 @@ def _laplacian(t: KernelTypes, f: Formula, first: int, finish: Finish) -> Any:
 def scratch(t: KernelTypes, *kinds: Any) -> list[Any]:
     """Return offsets [bytes] in a group's work memory for arrays (np, np) of these types.
 
-    Warp's own arrays inside a kernel are zeroed first and lie across cache lines.
+    Arrays that a kernel allocates through Warp are zeroed first and not aligned to cache lines.
     """
     size = wp.types.type_size_in_bytes
     sizes = [t.np * t.np * size(specialise(kind, t)) for kind in kinds]
@@ -181,5 +181,5 @@ def scratch(t: KernelTypes, *kinds: Any) -> list[Any]:
 
 
 def room(np_: int) -> int:
-    """Return the size of this memory [bytes]: 16 registers per node."""
+    """Return the size of a group's work memory [bytes]: 16 registers per node."""
     return 16 * 64 * np_ * np_

@@ -1,7 +1,7 @@
 """Continuity and momentum equations stepped in turn, by the kernels that compute their rates.
 
 A field is stepped at a node once its rate is known. The kernels also store combinations of the time
-levels, which the elements differentiate next, so that no level is read only for that. Nodes inside
+levels that the elements differentiate next, which saves a pass over the levels. Nodes inside
 elements need no DSS: on a CPU the kernels over elements step these nodes themselves. The other
 nodes are stepped with DSS, singly or, on a CPU, in runs that fill a register.
 """
@@ -74,7 +74,7 @@ def _finish_wind(geometry: Any, point: Any, damped: bool, shifted: bool = False)
 
 @functools.cache
 def carrying_kernel(t: KernelTypes, damped: bool) -> Any:
-    """Return the kernel (geometry, a, x, first, count, out, levels) of `transport`.
+    """Return the kernel (begin, geometry, a, x, first, count, out, levels) of `transport`.
 
     The kernel steps the masses at nodes inside the elements of the first `whole` groups.
     """
@@ -84,14 +84,14 @@ def carrying_kernel(t: KernelTypes, damped: bool) -> Any:
 
 @functools.cache
 def pushing_kernel(t: KernelTypes, damped: bool) -> Any:
-    """Return the kernel (geometry, x, out, levels) of the momentum equation, which steps winds."""
+    """Return the kernel (begin, geometry, x, out, levels) of momentum, which steps the winds."""
     (made,) = tendency_kernels(t, lambda *_: _finish_wind(geometry, t.point, damped))
     return made
 
 
 @functools.cache
 def run_kernels(unknowns: int, point: Pointwise, damped: bool) -> tuple[Any, Any, Any]:
-    """Return two kernels that assemble and step runs of nodes, and the name of their geometry.
+    """Return two kernels that assemble and step runs of nodes, and the `Name` of their geometry.
 
     The first kernel steps depth and tracers: from the node `begin` on, out = now + tau (rate +
     loss) in `count` blocks, with the rates of the pointwise terms at the masses `carried` and the
@@ -133,7 +133,7 @@ def run_kernels(unknowns: int, point: Pointwise, damped: bool) -> tuple[Any, Any
 
 @functools.cache
 def combine_levels_kernel(shifted: bool) -> Any:
-    """Return the kernel (first, now, past, older, weights, base, out) for the first passes.
+    """Return the kernel (first, now, past, older, weights, base, out) that combines time levels.
 
     The kernel stores the weighted sum of the levels in `out` from the offset `first` on, less
     `base` if `shifted`.

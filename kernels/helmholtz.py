@@ -6,11 +6,11 @@ S = I - tau^2 g D H T G for the depth, with the assembled discrete gradient G an
 A field (groups + 1, np*np, 1) stores a shared node once in each of its elements, so that kernels
 read whole SIMD registers. Local results before DSS have the same shape, and the next kernel that
 reads them applies DSS: it adds to an element's own contribution those of `others` (groups, np*np,
-3), one on an edge of the element and three at a corner. A contributor that does not exist points to
-the last group, which is zero.
+3), one on an edge of the element and three at a corner. A missing contributor points to the group
+behind the elements, which is zero.
 
-The kernels are for elements with `Terms.waves`. They run over (groups, np*np / `share`) threads;
-kernels on states run over N nodes.
+The kernels require `KernelTypes` with `Terms.waves`. They run over (groups, np*np / `share`)
+threads, or, if they write a vector of nodes, over N threads.
 """
 
 from typing import Any
@@ -34,8 +34,8 @@ from swe_sphere.kernels.simd.memory import (
 from swe_sphere.kernels.terms import across, along, geometry, given, local, np_, share, state
 
 together: Any = Name(lambda t: t.shape == "element", of_elements=True)
-"""True if fluxes share one row of f1 and f2, which stays in the nearest cache.  The same thread
-then computes their divergence; otherwise `divergence` does."""
+"""True if all fluxes use one row of f1 and f2, which stays in the nearest cache.  The thread that
+stores them then computes their divergence; otherwise the kernel `divergence` does."""
 
 
 @func
@@ -94,7 +94,7 @@ def put_fluxes(geo: geometry, u: value, v: value, row: int, e: int, n: int, f1: 
 
 @kernel
 def wind_fluxes(begin: int, geo: geometry, r: state, f1: local, f2: local, out: local):
-    """Store the fluxes of the wind of r."""
+    """Store the fluxes H T V of the wind V of r and, if `together`, their divergence in `out`."""
     e, part = wp.tid()
     e += begin
     row = wp.where(together, 0, e)
@@ -112,7 +112,7 @@ def slope_fluxes(
     begin: int, geo: geometry, east: local, east_flat: vector, north: local, north_flat: vector,
     f1: local, f2: local, out: local,
 ):  # fmt: skip
-    """Store the fluxes of a gradient."""
+    """Store the fluxes H T V of a gradient V and, if `together`, their divergence in `out`."""
     e, part = wp.tid()
     e += begin
     row = wp.where(together, 0, e)

@@ -1,10 +1,10 @@
 """Bounds on the mixing ratios of tracers that keep their masses: clip and assured sum.
 
-A mass hq outside [lower h, upper h] is clipped; the mass that clipping adds or removes is given
-back to the other nodes, to each in proportion to the distance from its bound, so that no node
-leaves its bounds again. The limiter works first within each element, whose nodes are close
-together; an element whose mean is out of bounds is set to its mean. Then it works over the whole
-sphere, on the excess of such elements (Bradley, Bosler, Guba, Taylor & Barnett 2019,
+A mass hq outside [lower h, upper h] is clipped; the excess, which is the mass that clipping adds or
+removes, is distributed to all nodes in proportion to their room, the distance from the bound, so
+that no node leaves its bounds again. The limiter works first within each element, whose nodes are
+close together; an element whose mean is out of bounds is set to its mean. Then it works over the
+whole sphere, on the excess of such elements (Bradley, Bosler, Guba, Taylor & Barnett 2019,
 doi:10.1137/18M1165414, section 2.2). Sums are added in a fixed order, so that a run repeats bit by
 bit; a tracer within its bounds keeps all its bits.
 """
@@ -102,7 +102,7 @@ def sum_rooms(
 
 @kernel
 def fill_rooms(partial: wp.array2d(dtype=wp.vec3d), blocks: int, part: wp.array(dtype=wp.vec2d)):
-    """Store the fractions of the room above and below that are filled (two), over (count,)."""
+    """Store for each tracer the fractions `part` of its room above and below to fill (two)."""
     k = wp.tid()
     total = wp.vec3d()
     for block in range(blocks):
@@ -120,7 +120,7 @@ def limit_sphere(
     begin: int, depth: int, first: int, size: int, count: int, lower: vector, upper: vector,
     part: wp.array(dtype=wp.vec2d), x: vector,
 ):  # fmt: skip
-    """Fill these fractions, over runs of nodes from `begin` on."""
+    """Clip the masses and fill the fractions `part` of their room, at nodes from `begin` on."""
     node = begin + lanes * wp.tid()
     h = load(x, depth + node)
     for k in range(count):

@@ -25,8 +25,8 @@ def tendency_kernels(t: KernelTypes, finish_of: Any = finish_rates) -> list[Any]
     The kernel handles the groups of elements from `begin` on. With diffusion in the shape "node",
     the kernel (geometry, x), which fills `geometry.fluxes`, precedes it in the list and runs over
     the same threads. If `t` has pointwise terms, the tendencies at nodes inside the first `whole`
-    groups are stored in `done`, as after DSS; otherwise `done` is not written. finish_of: maps t
-    and a number of fields to the `Finish` of these nodes.
+    groups are stored in `done`, as after DSS; otherwise `done` is not written. finish_of: function
+    from t and a number of fields to the `Finish` of these nodes.
     """
     terms, formula, source = t.terms, _formula(t.terms), _source(t.terms)
     by_node = t.shape == "node"
@@ -114,7 +114,7 @@ def _formula(terms: Terms) -> Formula | None:
 
 
 def _source(terms: Terms) -> Any:
-    """Return the function (geometry, x) for the vector of the prescribed wind or of the base."""
+    """Return the function (geometry, x) that returns the prescribed wind, the base, or else x."""
 
     @func
     def source(geo: geometry, x: vector):

@@ -1,8 +1,8 @@
 """Vectors on the sphere and their derivatives in the reference coordinates of an element.
 
-With the 2x2 matrix a[i, k] = dx/dxi_i . e_k [m] (frame e_k, reference coordinates xi_i) and J = det
-a, the covariant wind is u_i = a[i, k] V_k. J times the contravariant wind and J times a gradient
-require only the adjugate of a, hence no division (formulas: Taylor & Fournier 2010,
+With the 2x2 matrix a[i, k] = dx/dxi_i . e_k [m] (e_1 east, e_2 north, reference coordinates xi_i)
+and J = det a, the covariant wind is u_i = a[i, k] V_k. J times the contravariant wind and J times a
+gradient require only the adjugate of a, hence no division (formulas: Taylor & Fournier 2010,
 doi:10.1016/j.jcp.2010.04.008, section 4).
 
 The functions apply to node n of element e, with plain numbers or SIMD registers. `basis` (groups,

@@ -77,7 +77,7 @@ def flux_kernel(t: KernelTypes) -> Any:
     """Return the kernel (geometry, x) that stores fluxes of diffused fields at element nodes.
 
     `geometry.fluxes` (E, np*np, 2 or 4) receives the two contravariant fluxes of the height and, if
-    the wind diffuses, w div V and w curl V.
+    the wind diffuses, W div V and W curl V with the GLL weights W.
     """
     moves = t.terms.unknowns == 3
     formula = diffusion(t.terms, height=True, wind=moves)
@@ -98,7 +98,7 @@ def flux_kernel(t: KernelTypes) -> Any:
 
 
 def node_diffusion(t: KernelTypes) -> Any:
-    """Return the function (geometry, x, e, n, out, done): weak divergence of these fluxes."""
+    """Return the function (geometry, x, e, n, out, done): weak divergence of `geometry.fluxes`."""
     moves = t.terms.unknowns == 3
     formula = diffusion(t.terms, height=True, wind=moves)
     rows, result, keep = formula.rows, formula.result, keep_fields(formula.fields)

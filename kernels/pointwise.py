@@ -1,6 +1,6 @@
 """Terms that act at a point: their rates at a node, or at as many nodes as a register holds.
 
-A structure holds the arrays and coefficients that they read, and nothing else.
+A structure holds the arrays and coefficients that the terms read, and nothing else.
 """
 
 import functools
@@ -19,12 +19,12 @@ from swe_sphere.kernels.simd.stages import triple
 
 @dataclass(frozen=True)
 class PointTerm:
-    """Formulas of one effect at a node: rates of change of the wind (two) and of the depth (one).
+    """Formulas of the effect `name`: rates of the wind (two) [m s-2] and of the depth [m s-1].
 
     The formulas are functions of (c, i, u, v, h), or of (c, i, u, v, h, du, dv, dh) for
-    derivatives, with i the number of the node and c the coefficients: c.name of `numbers`,
-    c.name[i] of `fields`. outside: values of the surrounding scope that are compiled in; other
-    values give other kernels.
+    derivatives, with i the number of the node and c the coefficients: c.x for each x in `numbers`,
+    c.x[i] for each x in `fields`. outside: values of the surrounding scope, which are compiled in;
+    each set of values requires a separate kernel.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Pointwise:
 
     `rotation`: -f k x V. `forcing`: a prescribed tendency of every unknown, independent of the
     state. `terms`: formulas of effects. `tangent`: the derivative of all terms except forcing at
-    the state `base`, applied to a direction; the terms are derivatives then.
+    the state `base`, applied to a direction; `terms` are then formulas of derivatives.
     """
 
     rotation: bool = False
@@ -62,22 +62,22 @@ NO_POINTWISE = Pointwise()
 class PointwiseSum:
     """Device functions for the rates at a node, or at as many nodes as a register has lanes.
 
-    Their argument c is an instance of `structure`, which all lanes share.
+    The argument c of the functions is an instance of `structure`, which all lanes share.
     """
 
     structure: Any
     """Warp structure of the arrays that are read, over nodes: (N,), (2N,) or (unknowns*N,)."""
     wind: Any
-    """Function (c, node, size, w, x): two rows of wind rates [m s-2], with the wind of w and x."""
+    """Function (c, node, size, w, x): two rows of wind rates [m s-2]; wind from w, depth from x."""
     depth: Any
-    """Function (c, node, size, w, x): a row of depth rates [m s-1], with the wind in w or given."""
+    """Function (c, node, size, w, x): a row of depth rates [m s-1]; prescribed winds replace w."""
     add: Any
     """Function (c, node, size, x, r): the rows r plus all rates."""
 
 
 @functools.cache
 def pointwise_sum(unknowns: int, point: Pointwise) -> PointwiseSum:
-    """Return the functions for these terms."""
+    """Return the device functions for the sum of these terms."""
     last, coefficients = unknowns - 1, _coefficients(point.terms)
     structure: Any = Name(lambda of: _structure(unknowns, of.real, point, coefficients.find(of)))
     wind, depth = (_rates_of(kind, unknowns, point, structure) for kind in ("wind", "depth"))
@@ -112,7 +112,7 @@ def _structure(unknowns: int, real: Any, point: Pointwise, terms: Any) -> Any:
 
 @functools.cache
 def _coefficients(terms: tuple[PointTerm, ...]) -> Name:
-    """Return a Warp structure: `mine`, the first term's coefficients, and `others`."""
+    """Return the `Name` of a structure: coefficients `mine` of the first term, and `others`."""
 
     def structure(of: Any) -> Any:
         if not terms:
@@ -171,7 +171,7 @@ def _rates_of(kind: str, unknowns: int, point: Pointwise, structure: Any) -> Any
 
 
 def _sum_of_terms(kind: str, terms: tuple[PointTerm, ...], tangent: bool) -> Any:
-    """Return the function (c, i, state, direction) for the rates of all terms, of wind or depth."""
+    """Return the function (c, i, state, direction) for the sum of the rates of wind or depth."""
     formula, is_wind, more = getattr(terms[0], kind), kind == "wind", bool(terms[1:])
     rates: Any = Name(lambda of: wp.types.vector(2 if is_wind else 1, of.real))
     mine: Any = Name(lambda of: _coefficients(terms).find(of).vars["mine"].type)

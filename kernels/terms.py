@@ -19,8 +19,8 @@ from swe_sphere.kernels.simd.stages import levels_struct, stage_struct
 class Terms:
     """The terms compiled into one kernel.
 
-    * `advection`, `pressure`: the vector-invariant momentum equation and the continuity equation,
-      with kinetic energy and relative vorticity, and with the surface height, respectively.
+    * `advection`: kinetic energy and relative vorticity in the vector-invariant momentum equation.
+    * `pressure`: the surface height in that equation. Either term adds the continuity equation.
     * `bottom`: the surface height is depth plus bottom height.
     * `wind`: the wind is prescribed; depth, which it carries, is the only unknown.
     * `diffusion`: weak Laplacian of the state, times the coefficient `nu`.
@@ -30,8 +30,8 @@ class Terms:
       the depth of `base`; the state stores the Bernoulli function in place of depth.
     * `tangent`: the exact derivative of all of these at the state `base`, applied to a direction.
     * `momentum`: the momentum equation alone, with two fields as its result.
-    * `jumps`: the penalty on jumps at edges of elements, which has its own kernels.
-    * `waves`: block elimination (`helmholtz.py`), which has its own kernels.
+    * `jumps`: the penalty on jumps at edges of elements, which has separate kernels.
+    * `waves`: block elimination (`helmholtz.py`), which has separate kernels.
     """
 
     advection: bool = False
@@ -101,10 +101,10 @@ class KernelTypes:
         self.value = self.register.value
         """Type of a field at a node."""
         self.share = np_ * np_ if shape == "element" else 1
-        """Number of nodes of an element per thread in kernels without derivatives."""
+        """Number of nodes per thread in kernels over (groups, np*np / share) threads."""
         self.geometry = self._geometry()
         """Warp structure of the arrays and scalars that kernels of these types read.  Arrays
-        on element nodes have shape (group, np*np, ...), arrays on unique nodes (unknowns*N,)."""
+        on element nodes have shape (groups, np*np, ...), arrays on unique nodes (unknowns*N,)."""
 
     def _geometry(self) -> Any:
         terms, value, real, point = self.terms, self.value, self.real, self.point
@@ -145,7 +145,7 @@ np_: Any = Name(lambda t: t.np, of_elements=True)
 share: Any = Name(lambda t: t.share, of_elements=True)
 geometry: Any = Name(lambda t: t.geometry, of_elements=True)
 given: Any = Name(lambda t: t.given, of_elements=True)
-"""Number type of state vectors; like the names above a member of `KernelTypes`, in kernels."""
+"""Number type of state vectors.  These four names are the members of `KernelTypes` in kernels."""
 state: Any = Name(lambda t: wp.array(dtype=t.given), of_elements=True)
 """Array type of a state vector."""
 done: Any = Name(

@@ -48,7 +48,7 @@ def correct(
 
 @kernel
 def raised(x: vector, bottom: vector, depth: int, first: int, size: int, out: vector):
-    """Set out = hq (1 + b/h)."""
+    """Set out = hq (1 + b/h) = q (h + b), the field that diffusion smooths."""
     k, node = wp.tid()
     at = k * size + node
     out[at] = x[first + at] * (real(1.0) + bottom[node] / x[depth + node])
@@ -71,7 +71,7 @@ def raised_tangent(
 def mass_flux(
     wind: vector, x: vector, depth: int, size: int, first: int, s: stage, out: vector
 ):  # fmt: skip
-    """Set out[first:] = h (u, v) at N nodes; the winds start `wind` and h starts at x[depth]."""
+    """Apply the stage s to the mass flux h (u, v) of wind[:2N] and x[depth:], into out[first:]."""
     node = wp.tid()
     h = x[depth + node]
     leave_one(s, first + node, 0, single(h * wind[node]), out)
@@ -80,10 +80,10 @@ def mass_flux(
 
 @kernel
 def crossings(geo: geometry, flux: vector, air: vector, out: wp.array(dtype=value)):
-    """Store each element's largest sum of speeds across the lines of both coordinates, over groups.
+    """Store the maximum over the nodes of each element of |d xi_1/dt| + |d xi_2/dt| [s-1].
 
-    The speeds |d xi / dt| [s-1] are those of flux (2N, ...) / air (N,); an element has sides of
-    length 2 in xi.
+    These are the speeds of the wind flux (2N, ...) / air (N,) in the reference coordinates, in
+    which the sides of an element have length 2. Runs over groups.
     """
     e = wp.tid()
     most = value(real(0.0))

@@ -81,10 +81,10 @@ def products(
 ):  # fmt: skip
     """Add up products of vectors in chunks; launched tiled over (rows, chunks).
 
-    partial[s, c] becomes the part of sum_i w_i stack[s, i] v_i of chunk c, the numbers from
-    spans[k, c, 0] to spans[k, c, 1], for all k, of each of the n / size fields. The sums run in
-    float64 in an order fixed by the launch, without atomics, so that a run repeats bit by bit; the
-    caller adds the chunks.
+    partial[s, c] becomes the sum of w_i stack[s, i] v_i over chunk c: the numbers i from spans[k,
+    c, 0] to spans[k, c, 1], for all k, in each of the n / size fields. The sums run in float64 in
+    an order fixed by the launch, without atomics, so that a run repeats bit by bit; the caller adds
+    the chunks.
     """
     row, chunk, lane = wp.tid()
     total = wp.float64(0.0)
@@ -104,8 +104,8 @@ def products(
 def least(x: vector, begin: int, end: int, span: int, partial: wp.array2d(dtype=wp.float64)):
     """Find the minimum of each block; launched as `products`.
 
-    partial[0, b] = the minimum of x[i] with b span <= i - begin < (b + 1) span and i < end. It is
-    infinity for an empty block, -infinity if an x[i] is NaN.
+    partial[0, b] = the minimum of x[i] with b span <= i - begin < (b + 1) span and i < end. This is
+    infinity for an empty block, and -infinity if an x[i] is NaN.
     """
     row, block, lane = wp.tid()
     last = wp.min(begin + (block + 1) * span, end)

@@ -1,4 +1,4 @@
-"""The type of most arrays."""
+"""Type of numpy arrays of float64."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""Notice that kernels are being compiled, printed once that has taken a while."""
+"""Notice that kernels are being compiled, printed after `PATIENCE` seconds of compiling."""
 
 import functools
 import multiprocessing
@@ -15,7 +15,7 @@ COMPILING = "compiling kernels, the first time only ..."
 
 
 def tell_of_compiling() -> None:
-    """Print one line on stderr."""
+    """Print on stderr that kernels are being compiled."""
     sys.stderr.write(f"swe-sphere: {COMPILING}\n")
 
 

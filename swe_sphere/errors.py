@@ -59,7 +59,7 @@ def in_one_line(text: object) -> str:
 
 
 def shown(value: object) -> str:
-    """Return the value as in Python's notation, shortened if it is long, for messages."""
+    """Return the value in Python's notation, shortened if it is long, for messages."""
     short = reprlib.Repr()
     short.maxstring = short.maxother = short.maxlong = 60
     try:

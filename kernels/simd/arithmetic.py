@@ -38,18 +38,18 @@ div: Any = Name(lambda of: wp.cw_div if of.lanes > 1 else wp.div)
     return as_value(r);
 """)
 def clip(x: value, low: value, high: value) -> value:
-    """Return x limited to [low, high]; Warp's own functions would be calls in C++."""
+    """Return x limited to [low, high]; Warp's own functions would compile to function calls."""
 
 
 @functools.cache
 def line_sums(np_: int, kind: Any = value, transposed: bool = False) -> tuple[Any, Any]:
-    """Return the derivatives of an element's rows along each coordinate, or both transposes.
+    """Return device functions (derivative, field (np, np), i, j) for derivatives along xi1 and xi2.
 
-    Both are device functions (derivative, field (np, np), i, j) for fields of the type `kind`.
+    Fields have the type `kind`. If `transposed`, both apply the transpose of the derivative matrix.
     """
 
     def line_sum(factor: str, node: str) -> Any:
-        """Return the sum over m of d at `factor` times f at `node`."""
+        """Return the device function for the sum over m of d[factor] times f[node]."""
 
         @Register.func_native(source("line_sum", np=np_, factor=factor, node=node))
         def line_sum(
@@ -66,7 +66,7 @@ def line_sums(np_: int, kind: Any = value, transposed: bool = False) -> tuple[An
 def rows_product(rows: int, columns: int) -> Any:
     """Return the device function (m, first, x, y): y[k] = sum over n of m[first + k, n] x[n].
 
-    The function computes `rows` sums, four at a time, which do not wait for each other.
+    The function computes `rows` sums, four at a time, so that their additions overlap.
     """
 
     @Register.func_native(source("rows_product", rows=rows, columns=columns))
@@ -81,8 +81,8 @@ def rows_product(rows: int, columns: int) -> Any:
 def functions_sum(functions: int, points: int) -> Any:
     """Return the device function (values, n, c) for the sum of coarse functions times c at point n.
 
-    The patterns of a corner are added first, so that an edge has the same sums in both its
-    elements.
+    The last 12 functions are three patterns at each corner. The patterns of a corner are added
+    first, so that an edge has the same sums in both its elements.
     """
     smooth = functions - 12
 
@@ -96,8 +96,8 @@ def entries_sum(factor: str) -> Any:
     """Return the device function (at, places, values, x, g) for M x in group g of a sparse matrix.
 
     The matrix is a `SlicedMatrix` or `TallMatrix`. factor: C++ for the register or number that
-    entry k multiplies, read at `from`, the position of that entry in x. The entries of a row are
-    added one after the other: the rows beside it, which differ from rank to rank, add only zeros.
+    entry k multiplies, where `from` points to the number x[places[k]]. The entries of a row are
+    added in turn; adjacent rows, which differ from rank to rank, add only zeros to this sum.
     """
 
     @Register.func_native(f"""
@@ -120,7 +120,7 @@ def entries_sum(factor: str) -> Any:
 def columns_products(
     at: Numbers, values: wp.array(dtype=value), y: wp.array(dtype=value), g: int, out: vector
 ):
-    """Store the contribution of group g to M' y, by columns."""
+    """Store in out[k] the contribution of entry k, one column of group g, to M^T y."""
 
 
 @functools.cache
@@ -144,6 +144,6 @@ def _rooms(register: Register) -> Any:
 rooms: Any = Name(_rooms)
 """Function (area, x, depth, first, begin, end, low, high) that returns a limiter's sums over nodes.
 
-The sums are the excess of the masses over their bounds and the room above and below.  A number's
-position after the beginning decides which partial sum it joins, not its memory address.
+The sums are the excess of the masses over their bounds and the room above and below, see
+`limiter.py`.  The offset of a number from `begin`, not its address, selects its partial sum.
 """

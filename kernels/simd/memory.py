@@ -1,8 +1,8 @@
 """Loads and stores in C++, for which Warp's own code checks and computes more than necessary.
 
 An index of Warp may be negative and an array may be strided; both cost instructions in a gather. A
-register of `lanes` elements is loaded at once if their nodes follow one another in memory: such a
-node vector stores the complement of its first number, which is negative, in its first lane.
+register of `lanes` elements is loaded at once if their nodes follow one another in memory. The
+first lane of such a node vector stores the complement of the first number, which is negative.
 """
 
 import functools
@@ -16,7 +16,7 @@ from swe_sphere.kernels.define import Name, Register, index, kernel, value, vect
 
 CONTRIBUTORS = 4
 Contributors = wp.types.vector(CONTRIBUTORS, wp.int32)
-"""Offsets of a node's first field in the local tendencies; -1 stands for a missing contributor."""
+"""Offsets of a node's contributors to the first local field; -1 stands for a missing one."""
 Places = wp.array(dtype=Contributors)
 Numbers = wp.array(dtype=wp.int32)
 nodes = wp.array2d(dtype=index)
@@ -38,10 +38,10 @@ def put(x: vector, i: int, v: value):
 
 @kernel
 def pack(x: vector, places: Numbers, packed: vector, threads: int):
-    """Set packed = x[places]; all arrays have shape (n,).
+    """Set packed = x[places], with `packed` and `places` of shape (n,).
 
-    A GPU runs n threads and a CPU one, because starting a thread there costs more than copying a
-    number.
+    A GPU runs n `threads` and a CPU one, because to start a thread costs more on a CPU than to copy
+    a number.
     """
     for i in range(wp.tid(), places.shape[0], threads):
         put(packed, i, load(x, number(places, i)))

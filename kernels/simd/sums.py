@@ -1,8 +1,8 @@
 """Products and combinations of long vectors on a CPU, at memory speed and in a fixed order.
 
-The sums are written in C++, so that they use whole registers. A number's position in its chunk
-decides which partial sum it joins, so that the bits do not depend on memory addresses, as those of
-BLAS do. Vectors are passed by address: one recorded command serves all of them.
+The sums are written in C++, so that they use whole registers. The position of a number in its chunk
+decides which partial sum it joins. Unlike in BLAS, the bits therefore do not depend on memory
+addresses. Vectors are passed by address, so that one recorded command serves any of them.
 """
 
 from typing import Any
@@ -12,7 +12,7 @@ import warp as wp
 from swe_sphere.kernels.define import Register, kernel, source
 
 SPAN = 256
-"""Count of numbers combined at a time: they fit the nearest cache."""
+"""Count of numbers combined at a time, which fit the nearest cache."""
 TOGETHER = 2048
 """Count of numbers in adjacent chunks that are summed row by row, so that rows are read in runs."""
 Call = wp.array(dtype=wp.uint64)
@@ -29,11 +29,11 @@ def weighted_products(call: Call, weights: Weights, spans: Spans, size: int):
     """Add up weighted products in one thread: weights (n,), spans (kinds, chunks, 2).
 
     call: the address of p, d, the number of triples, and for each triple the addresses of a stack
-    (m, n) and of v (n,) and the number of rows of the stack that count. p[c d + s] = the part of
-    sum_i w_i stack[s, i] v_i of chunk c, in float64, where s numbers the rows of all triples. Chunk
-    c contains the numbers from spans[k, c, 0] to spans[k, c, 1], for all k, of each of the n / size
-    fields. With d = 0 the chunks are summed, one after the other. All triples advance through some
-    chunks at a time.
+    (m, n) and of v (n,) and the number of its rows to use. p[c d + s] becomes the sum of w_i
+    stack[s, i] v_i over chunk c, in float64, where s numbers the rows of all triples. Chunk c
+    contains the numbers i from spans[k, c, 0] to spans[k, c, 1], for all k, in each of the n / size
+    fields. With d = 0, p[s] becomes the sum over all chunks, added in turn. All triples process a
+    batch of about TOGETHER numbers before any processes the next batch.
     """
     add_products(call, weights, spans, size)
 
@@ -47,9 +47,9 @@ def tree(nodes: wp.array2d(dtype=wp.int32), whole: int, sums: wp.array2d(dtype=w
     """Sum rows of `sums` (n, width) along a binary tree in one thread.
 
     nodes: (n, 2), the first leaf and the number of leaves of each row. Two neighbours that are the
-    halves of a branch merge into that branch, and the remaining rows move to the front. If the rows
-    cover all leaves of the tree, `whole`, the last row is added to the one before until one is
-    left.
+    halves of a branch merge into that branch, and the remaining rows move to the front. `whole`: 1
+    if the rows cover all leaves of the tree; the last row is then added to the row before it until
+    one row remains.
     """
     add_up(nodes, whole, sums)
 

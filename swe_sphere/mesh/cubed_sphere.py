@@ -43,13 +43,13 @@ BLOCK = 16
 
 
 def _lattice(ne: int, np_: int) -> Integers:
-    """Return the lattice coordinates (ne, np) of node i of element a along one edge of a face."""
+    """Return the lattice coordinates (ne, np): [a, i] of node i of element a along an edge."""
     lattice: Integers = np.arange(ne)[:, None] * (np_ - 1) + np.arange(np_)
     return lattice
 
 
 def lattice_tangents(ne: int, points: Array) -> Array:
-    """Return tan(angle) (M+1,) at each lattice coordinate of a face, exactly antisymmetric."""
+    """Return tan(alpha) (M+1,), antisymmetric, at the lattice coordinates for GLL points (np,)."""
     middles = (np.arange(ne) + 0.5) / ne - 0.5
     angles = 0.5 * np.pi * (middles[:, None] + 0.5 * points / ne)
     lattice = _lattice(ne, points.size)
@@ -61,9 +61,9 @@ def lattice_tangents(ne: int, points: Array) -> Array:
 
 
 def build_cube(ne: int, points: Array) -> tuple[Int32, Array, Array]:
-    """Return node numbers (E, np, np), points (N, 3) and tangents d(xyz)/d(xi) (2, E, np, np, 3).
+    """Return node numbers (E, np, np), unit vectors (N, 3) and tangents dx/dxi (2, E, np, np, 3).
 
-    Points are unit vectors. Element number: (face * ne + index along xi1) * ne + index along xi2.
+    points: GLL points (np,). Element number: (face * ne + i) * ne + j, i along xi1, j along xi2.
     """
     line, lattice = lattice_tangents(ne, points), _lattice(ne, points.size)
     face, first, second = np.indices((6, ne, ne)).reshape(3, -1)
@@ -86,11 +86,11 @@ def build_cube(ne: int, points: Array) -> tuple[Int32, Array, Array]:
 def _number_nodes(
     axes: Integers, first: Integers, second: Integers, last: int
 ) -> tuple[Int32, Integers]:
-    """Number the nodes at face lattice coordinates: nodes inside elements, on edges, vertices.
+    """Number the nodes at face lattice coordinates: first inside elements, then edges, vertices.
 
     Returns the node numbers (E, np, np) and the lattice triples (N, 3) in {0..last}^3 of the nodes.
     With the kinds separate, the processor can predict how many contributors DSS adds at a node;
-    within a kind the order of first appearance keeps the nodes of an element together in memory.
+    within a kind, sorting by block, point and element keeps those of an element near in memory.
     """
     normal, one, two = np.moveaxis(axes, -2, 0)
     # twice the coordinates, counted from the centre of the cube, are integers too
@@ -127,7 +127,7 @@ def locate(xyz: Array, ne: int) -> tuple[NDArray[np.int64], Array, Array]:
 
 
 def schmidt(n: Array, centre: Array, stretch: float) -> Array:
-    """Move unit vectors n (..., 3) towards the unit vector centre (3,); 1/stretch inverts it."""
+    """Move unit vectors n (..., 3) towards the unit vector centre (3,); inverted by 1/stretch."""
     plus, minus = _sides(n, centre, stretch)
     across = n - (n @ centre)[..., None] * centre
     moved: Array = (plus - minus)[..., None] * centre + 2.0 * stretch * across
@@ -144,7 +144,7 @@ def _sides(n: Array, centre: Array, stretch: float) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Placement:
-    """The map from the plain cubed sphere to the sphere of the mesh, and its inverse.
+    """The map from the cubed sphere before placement, called plain, to the mesh, and its inverse.
 
     The centre (+x) of face 0 goes to `centre` = (lon, lat) [degrees], the cube is turned by
     `spin` [degrees] anticlockwise about that point, then refined there by the factor `stretch`.
@@ -173,7 +173,7 @@ class Placement:
         return schmidt(n, self.point, self.stretch) if self.stretch != 1.0 else n
 
     def place_tangent(self, n: Array, dn: Array) -> Array:
-        """Derivative (..., 3) of `place` at n (..., 3) along the tangent vectors dn (..., 3)."""
+        """Return the derivative (..., 3) of `place` at n (..., 3) along tangents dn (..., 3)."""
         n, dn = n @ self.rotation.T, dn @ self.rotation.T
         if self.stretch == 1.0:
             return dn

@@ -34,7 +34,7 @@ def gll_weights(points: Array) -> Array:
 def derivative_matrix(points: Array) -> Array:
     """Return the matrix D (np, np) with (D f)_i = f'(x_i) for each polynomial f of degree np - 1.
 
-    The diagonal is minus the sum of its row, so that constants have derivative zero.
+    Each diagonal entry is minus the sum of the others in its row: constants have derivative zero.
     """
     gaps = points[:, None] - points[None, :]
     np.fill_diagonal(gaps, 1.0)

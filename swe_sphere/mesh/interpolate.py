@@ -25,9 +25,9 @@ MOST_ENTRIES = 16_000_000
 class Interpolator:
     """Evaluates nodal fields, which are polynomials in each element, at fixed points.
 
-    lon, lat [rad]: arrays of one shape (any longitude). The matrices are built for one tile of
-    points at a time; they are kept for the next field if they have at most `MOST_ENTRIES` entries
-    together. Raises ConfigError if a coordinate is not finite or a latitude is beyond the poles.
+    lon, lat [rad]: arrays that broadcast to one shape, with any longitude. Each tile of points has
+    a matrix; all are kept for the next field if they have at most `MOST_ENTRIES` entries together.
+    Raises ConfigError if a coordinate is not finite or a latitude is beyond the poles.
     """
 
     def __init__(self, mesh: Mesh, lon: ArrayLike, lat: ArrayLike) -> None:
@@ -45,7 +45,7 @@ class Interpolator:
         return scipy.sparse.vstack([*map(self._tile, self._starts)], format="csr")
 
     def __call__(self, field: Array) -> Array:
-        """Return nodal scalar fields (N, ...) at the points, in the shape of lon and lat."""
+        """Return values (*lon.shape, ...) at the points of nodal scalar fields (N, ...)."""
         values = np.concatenate([self._tile(start) @ field for start in self._starts])
         return values.reshape(self._lon.shape + field.shape[1:])
 

@@ -113,18 +113,18 @@ class Mesh:
         return Placement(self.centre, self.spin, self.stretch)
 
     def quads(self) -> Int32:
-        """Corner nodes (E (np-1)^2, 4), anticlockwise seen from outside, of the sub-quads."""
+        """Return the corner nodes (E (np-1)^2, 4) of all quads, anticlockwise seen from outside."""
         n = self.nodes
         corners = [n[:, :-1, :-1], n[:, 1:, :-1], n[:, 1:, 1:], n[:, :-1, 1:]]
         return np.stack(corners, axis=-1).reshape(-1, 4)
 
     def cell_corners(self) -> tuple[Array, Array]:
-        """Longitude and latitude (N, 4) [rad] of the corners of each node's cell, anticlockwise.
+        """Return longitude and latitude (N, 4) [rad] of each node cell's corners, anticlockwise.
 
-        Each sub-quad of an element contains one corner, which cuts the reference square in
-        proportion to the quadrature weights: on a square element the area of a cell is then its
-        node's weight. The cells cover the sphere; edges are great circles. At the corners of the
-        cube a cell has three corners, of which the last is given twice.
+        Each quad between four nodes contains one corner. The corners cut the reference square in
+        proportion to the quadrature weights, so that on a square element the area of a cell is the
+        weight of its node. The cells cover the sphere; edges are great circles. At the corners of
+        the cube a cell has three corners, of which the last is repeated.
         """
         cuts = np.cumsum(self.gll_weights)[:-1] - 1.0
         at = gll.lagrange(self.gll_points, cuts)
@@ -149,9 +149,9 @@ class Mesh:
         return np.outer(self.gll_weights, self.gll_weights)
 
     def spacing(self) -> tuple[float, float]:
-        """Smallest and largest mean node spacing of the elements [m].
+        """Return the smallest and largest mean node spacing of the elements [m].
 
-        The mean spacing of an element is the root of its area over np - 1.
+        The mean spacing of an element is the square root of its area, divided by np - 1.
         """
         areas = np.einsum("i,j,eij->e", self.gll_weights, self.gll_weights, self.jacobian)
         mean = np.sqrt(areas) / (self.np - 1)

@@ -75,8 +75,8 @@ MOST = 4 * BLOCK
 class Part:
     """Elements and nodes of one rank, both numbered from zero on the rank.
 
-    A node on the rim belongs to the parts of all ranks whose elements touch it. Each of these ranks
-    sums all contributors in the order of the whole mesh, so that the ranks compute the same bits.
+    A node on the rim, where elements of several ranks meet, belongs to the parts of all these
+    ranks. Each sums all contributors in the order of the whole mesh and so computes the same bits.
     """
 
     elements: Integers
@@ -85,7 +85,7 @@ class Part:
     """Number of elements in chunks away from the rim, which share no node with another rank."""
     nodes: Integers
     """(n,) numbers in the mesh: interior nodes, then edges, then vertices, each in the order of the
-    elements; on large meshes in blocks of BLOCK elements as in the mesh itself."""
+    elements, nodes of other ranks last; on large meshes in blocks of BLOCK elements."""
     node_of: NDArray[np.int32]
     """(e, np, np) position in `nodes` of each element node."""
     counts: NDArray[np.integer]
@@ -111,7 +111,7 @@ class Part:
 
 
 def pieces(ne: int) -> tuple[int, int]:
-    """Return the number of chunks of a mesh of 6 ne^2 elements, and the elements of a chunk."""
+    """Return the number of chunks of a mesh of 6 ne^2 elements, and of elements of a chunk."""
     elements = 6 * max(ne, 1) ** 2
     block = BLOCK if elements >= 64 * BLOCK else 1  # kernels are faster on whole blocks
     each = min(block * -(-elements // (CHUNKS * block)), MOST)
@@ -240,14 +240,14 @@ class Partition:
 
 
 def dissection_order(mesh: Mesh) -> Integers:
-    """Return nodes (N,) by nested dissection: both halves of the sphere, then the nodes between.
+    """Return the nodes (N,) of two halves of the sphere, then those between, halved recursively.
 
     The factors of a matrix that couples only nodes of the same element then have N log N entries
     instead of N^1.5 (George 1973, SIAM J. Numer. Anal. 10, 345-363).
     """
     centres = mesh.xyz[mesh.nodes].mean(axis=(1, 2))
     code = np.zeros(mesh.elements, dtype=np.int64)
-    """(E,) numbers whose binary digits are the halves of halves that hold an element."""
+    """(E,) binary digits: which half holds the element, which half of that half, and so on."""
     parts = [np.arange(mesh.elements)]
     for digit in reversed(range(mesh.elements.bit_length())):
         halves = []
@@ -262,6 +262,6 @@ def dissection_order(mesh: Mesh) -> Integers:
     owners = code[mesh.gather_entries // mesh.np**2]
     first = np.minimum.reduceat(owners, mesh.gather_offsets[:-1])
     last = np.maximum.reduceat(owners, mesh.gather_offsets[:-1])
-    _, height = np.frexp((first ^ last).astype(np.float64))  # of the smallest common part
+    _, height = np.frexp((first ^ last).astype(np.float64))  # height of the smallest common part
     end = ((first >> height) + 1) << height
     return np.lexsort((height, end))

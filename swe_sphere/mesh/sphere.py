@@ -15,7 +15,7 @@ def position(lon: ArrayLike, lat: ArrayLike) -> Array:
 
 
 def angle(point: Array, other: Array) -> Array:
-    """Angle [rad] between unit vectors (..., 3): accurate near and far."""
+    """Return the angle [rad] between unit vectors (..., 3), accurate near 0 and pi too."""
     apart, along = (np.linalg.norm(x, axis=-1) for x in (point - other, point + other))
     result: Array = 2.0 * np.arctan2(apart, along)
     return result
@@ -24,7 +24,7 @@ def angle(point: Array, other: Array) -> Array:
 def frame(lon: Array, lat: Array) -> tuple[Array, Array]:
     """Return unit vectors (east, north), each (..., 3), at longitudes and latitudes [rad].
 
-    At the poles they depend on the given longitude.
+    At the poles both vectors depend on the longitude passed.
     """
     east = np.stack([-np.sin(lon), np.cos(lon), np.zeros_like(lon)], axis=-1)
     north = np.stack([-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)], axis=-1)
@@ -32,7 +32,7 @@ def frame(lon: Array, lat: Array) -> tuple[Array, Array]:
 
 
 def snap_poles(xyz: Array) -> Array:
-    """Return unit vectors (..., 3) in which points within round-off of a pole are exactly there."""
+    """Return unit vectors (..., 3) with points within round-off of a pole moved to the pole."""
     snapped = xyz.copy()
     at_pole = np.hypot(xyz[..., 0], xyz[..., 1]) < 1e-14
     snapped[at_pole, :2] = 0.0
@@ -41,7 +41,7 @@ def snap_poles(xyz: Array) -> Array:
 
 
 def longitude_latitude(xyz: Array) -> tuple[Array, Array]:
-    """Longitude in [0, 2 pi) (0 at the poles) and latitude [rad] of unit vectors (..., 3)."""
+    """Return longitude in [0, 2 pi), 0 at poles, and latitude [rad] of unit vectors (..., 3)."""
     x, y, z = np.moveaxis(xyz, -1, 0)
     lon = np.arctan2(y, x)
     lon = np.where(lon < 0.0, lon + 2.0 * np.pi, lon)
@@ -51,7 +51,7 @@ def longitude_latitude(xyz: Array) -> tuple[Array, Array]:
 
 
 RIM = 8
-"""Number of rows and columns repeated beyond the poles and around, so that there are no edges."""
+"""Number of rows and columns repeated beyond each side, so that the spline has no edges."""
 
 
 def global_spline(
@@ -59,7 +59,7 @@ def global_spline(
 ) -> Callable[[Array, Array], Array]:
     """Return the spline through a field (M, K), a function of longitude and latitude [rad].
 
-    lat (M,) [rad], in any order; lon (K,) [rad], evenly eastward once around, K even. Beyond a pole
+    lat (M,) [rad], in any order; lon (K,) [rad], evenly spaced over 2 pi, K even. Beyond a pole
     the field continues along the opposite meridian, where east and north point the other way: sign
     is -1 for the components of a vector.
     """

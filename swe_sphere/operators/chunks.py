@@ -37,11 +37,11 @@ class Chunks:
         self._trees = functools.cache(self._build_trees)
 
     def room(self, width: int) -> NDArray[np.float64]:
-        """Return an array (count, width) for the sums over each chunk of this rank."""
+        """Return the array (count, width) to fill with sums over each chunk of this rank."""
         return self._trees(width)[0][0]
 
     def total(self, width: int) -> NDArray[np.float64]:
-        """Return the sums (width,) over these arrays of all ranks, valid until the next call."""
+        """Return the sums (width,) of `room(width)` over all ranks, valid until the next call."""
         (mine, add_up_mine), (everything, add_up) = self._trees(width)
         add_up_mine.launch()
         counts = [width * len(each) for each in self._branches]
@@ -82,6 +82,6 @@ def branches(first: int, behind: int) -> NDArray[np.int64]:
 
 
 def equal_spans(size: int, length: int) -> NDArray[np.int64]:
-    """Return (1, k, 2) begins and ends of spans of `length` of `size` numbers, the last shorter."""
+    """Return begins and ends (1, k, 2) of spans of `length` that cut `size` numbers."""
     begins = np.arange(0, size, length)
     return np.stack([begins, np.minimum(begins + length, size)], axis=-1)[None]

@@ -42,13 +42,13 @@ class Field:
 
 
 class DeviceMesh(NotCopyable):
-    """Element data of a mesh, or of this rank's part of it, in the memory of a device.
+    """Element data of a mesh, or of this rank's part of it, in the memory of a Warp device.
 
-    Arrays at nodes hold one field after the other. Arrays on element nodes have shape (groups,
-    np*np, ..., lanes), with `lanes` elements side by side in whole registers; the last group is
-    padded with copies of the last element, which DSS never reads. Metric terms are computed in
-    float64 and only then rounded to `real`: a geometry in float32 would grow a spurious wave
-    (Nakano et al. 2018, doi:10.1175/MWR-D-17-0257.1).
+    real: Warp number type; shape: launch shape "element" or "node". Arrays at nodes hold one field
+    after the other. Arrays on element nodes are (groups, np*np, ..., lanes), with `lanes` elements
+    side by side in registers; copies of the last element, which DSS never reads, pad the last
+    group. Metric terms are computed in float64 and then rounded to `real`: a float32 geometry would
+    excite a spurious wave (Nakano et al. 2018, doi:10.1175/MWR-D-17-0257.1).
     """
 
     def __init__(
@@ -66,13 +66,13 @@ class DeviceMesh(NotCopyable):
         self.numpy_real = np.dtype(wp.dtype_to_numpy(real))
         received = -(-sum(part.receives.values()) // self.lanes)
         self.rows = (self.groups + 1 + -(-received // self.points)) * self.points
-        """Rows of element nodes in local tendencies, with those behind the elements."""
+        """Number of rows in a local field: element nodes, an empty group, and received values."""
         self.halos: dict[int, Halo] = {}
         """Exchanges between ranks by the address of the array."""
         self.places = functools.cache(self._find_places)
         self.scratch = functools.cache(self.local)
-        """`local` of room that all operators share: the results of an operator must have been read
-        before another one is launched."""
+        """Function like `local`, but operators share the result: a field must have been read before
+        another operator is launched."""
 
     def like(self, real: Any, shape: str) -> "DeviceMesh":
         """Return the same part in another number type or order."""
@@ -129,7 +129,7 @@ class DeviceMesh(NotCopyable):
 
     @functools.cached_property
     def whole(self) -> int:
-        """Number of groups whose nodes inside the elements follow blocks of BLOCK elements."""
+        """Number of groups whose nodes inside elements are numbered in blocks of BLOCK elements."""
         blocks, side = self.elements // BLOCK, self.mesh.np - 2
         inside = self.part.node_of[: blocks * BLOCK, 1:-1, 1:-1].reshape(blocks, BLOCK, side, side)
         expected = np.arange(inside.size).reshape(blocks, side, side, BLOCK)
@@ -158,9 +158,9 @@ class DeviceMesh(NotCopyable):
         return self.scatter(1.0 / self.mesh.area)
 
     def _find_places(self, unknowns: int) -> wp.array:
-        """Return the offsets (N,) of each node's contributors in local tendencies of such fields.
+        """Return offsets (N,) of each node's contributors in local arrays of `unknowns` fields.
 
-        A missing contributor is -1; the fourth of three points to the empty last group. Raises
+        A missing contributor is -1; the fourth of three points to the empty group. Raises
         ConfigError if the offsets exceed 32 bits.
         """
         width, count = unknowns * self.lanes, self.part.counts
@@ -178,7 +178,7 @@ class DeviceMesh(NotCopyable):
 
     @functools.cached_property
     def of_own(self) -> wp.array:
-        """Offset (N,) of each node in a local field, in the first of this rank's elements."""
+        """Offset (N,) of each node in a local field, in this rank's first element that has it."""
         around = self.places(1).numpy()
         is_own = (around >= 0) & (around < self.groups * self.points * self.lanes)
         first = np.take_along_axis(around, np.argmax(is_own, axis=1)[:, None], axis=1)
@@ -203,7 +203,7 @@ class DeviceMesh(NotCopyable):
         return self.registers(in_two_runs(lanes) if self.lanes > 1 else lanes, wp.int32)
 
     def geometry(self, kind: Any, given: Mapping[str, Any] | None = None) -> Any:
-        """Return a structure of that kind with members by name from `given`, else from the mesh."""
+        """Return a Warp structure `kind`, with members by name from `given`, else from the mesh."""
         known = {"size": self.size} | dict(given or {})
         filled = kind()
         for name in kind.vars:
@@ -213,8 +213,8 @@ class DeviceMesh(NotCopyable):
     def local(self, unknowns: int, value: Any, blocks: int = 1) -> Field:
         """Return an array of local tendencies: blocks (groups + 1 ..., np*np, unknowns) of `value`.
 
-        No element writes to the first group after the others, which stays zero; the groups after it
-        receive values of other ranks, see `exchange`.
+        `value` is a Warp type. No element writes to the first group behind the elements, which
+        stays zero; the groups behind that one receive values of other ranks, see `exchange`.
         """
         field, part = self.unshared(unknowns, value, blocks), self.part
         if part.sends:
@@ -231,14 +231,14 @@ class DeviceMesh(NotCopyable):
         return field
 
     def unshared(self, unknowns: int, value: Any, blocks: int = 1) -> Field:
-        """Return the same array without messages: it is not exchanged with other ranks."""
+        """Return an array like that of `local`, but without messages to and from other ranks."""
         rows = blocks * self.rows // self.points
         return self.field(self.aligned((rows, self.points, unknowns), value))
 
     def share(self, flat: wp.array, sends: Mapping[int, Any], receives: Mapping[int, Any]) -> None:
-        """Make `exchange` serve an array (n,), with positions for each neighbour, on all ranks.
+        """Register an array (n,) for `exchange`; all ranks must call this method together.
 
-        sends, receives: positions of the values for a neighbour, and of those from it.
+        sends, receives: by neighbour, positions of the values to send and of those to receive.
         """
         if self.comm.size > 1:
             self.halos[flat.ptr] = Halo(self.comm, flat, sends, receives)
@@ -249,11 +249,11 @@ class DeviceMesh(NotCopyable):
             self.halos[field.flat.ptr]()
 
     def sweep(self, launch: Launcher, field: Field) -> Callable[..., None]:
-        """Return the launch (kernel, threads, 0, *inputs) over elements of results in the field.
+        """Return the function (kernel, threads, 0, *inputs) that launches over all elements.
 
-        The first argument of the kernel is its first group of elements, 0 for the caller. Results
-        are exchanged between ranks; elements away from the rim are computed while messages are on
-        their way.
+        The kernel stores its results in `field`; the 0 is its first group of elements. The results
+        are exchanged between ranks, and elements away from the rim are computed while messages are
+        on their way.
         """
         if self.halos:
             away = self.part.away // self.lanes
@@ -392,6 +392,6 @@ class DeviceMesh(NotCopyable):
 
     @functools.cached_property
     def _owners(self) -> tuple[list[int], NDArray[Any]]:
-        """Return how many nodes each rank counts, and all of them, one rank after the other."""
+        """Number of nodes that each rank owns, and the nodes of all ranks, one after the other."""
         numbers = self.comm.tell_all(self.part.nodes[self.part.owned])
         return [each.size for each in numbers], np.concatenate(numbers)

@@ -10,7 +10,7 @@ FIRST, SECOND = "im,mje->eij", "jm,ime->eij"
 
 
 def assemble(mesh: Mesh, weighted: Array) -> Array:
-    """Apply DSS: sum mass-weighted element values (E, np, np) at nodes, over their areas (N,)."""
+    """Return the DSS (N,) of mass-weighted element values (E, np, np): sums over nodal areas."""
     return np.bincount(mesh.nodes.ravel(), weighted.ravel(), mesh.size) / mesh.area
 
 

@@ -1,4 +1,4 @@
-"""Exchange of local results for nodes on the rim, hidden behind elements away from the rim."""
+"""Exchange of local results for nodes on the rim, while elements away from it are computed."""
 
 from collections.abc import Mapping
 from typing import Any

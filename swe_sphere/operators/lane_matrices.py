@@ -24,7 +24,7 @@ def vector(mesh: DeviceMesh, size: int) -> Field:
 def _grouped(
     mesh: DeviceMesh, matrix: scipy.sparse.csr_array, shifted: bool
 ) -> tuple[wp.array, Int, wp.array]:
-    """Return where each group of `lanes` rows begins, and its columns and registers of entries.
+    """Return the first entry of each group of `lanes` rows, then columns and registers of entries.
 
     A group has one register for each column with an entry in the group. If `shifted`, columns are
     counted from the lane of the row, so that a diagonal of the group is one column.
@@ -50,9 +50,9 @@ def _grouped(
 class SlicedMatrix:
     """A matrix in the number type and the lanes of a mesh, for vectors built by `vector`.
 
-    Each group of `lanes` rows stores its diagonals: the registers of a vector, with any offset, in
-    which some lane multiplies an entry of its own row. Nothing is gathered lane by lane, which
-    takes ten times as long; numberings that follow the elements have few diagonals.
+    Each group of `lanes` rows stores one register for each diagonal on which it has an entry. This
+    register multiplies consecutive numbers of a vector, so that no numbers are gathered lane by
+    lane, which takes longer; numberings that follow the elements have few diagonals.
     """
 
     def __init__(self, mesh: DeviceMesh, launch: Launcher, matrix: scipy.sparse.csr_array) -> None:
@@ -68,8 +68,8 @@ class SlicedMatrix:
     ) -> None:  # fmt: skip
         """Set r -= M d; new = keep d + take r/diagonal; x = before + beta new.
 
-        coefficients: keep, take and beta, as `chebyshev_coefficients` returns them; directions: d,
-        new.
+        coefficients: keep, take and beta from `chebyshev_coefficients`; directions: d and new;
+        per_diagonal: 1/diagonal in registers.
         """
         d, new = directions
         self._launch(
@@ -108,6 +108,6 @@ class TallMatrix:
         )  # fmt: skip
 
     def transposed(self, y: Field, out: Field) -> None:
-        """Set out = M' y; y may be longer than M has rows."""
+        """Set out = M^T y; y may be longer than M has rows."""
         self._launch(self._part, self._groups, self._at, self._values, y.values, self._parts)
         self._launch(self._total, self._few, self._ends, self._listed, self._parts, out.flat)

@@ -26,7 +26,7 @@ REMEMBERED = 512
 
 
 class Span(NamedTuple):
-    """Range of node numbers that launches share, with the start of each strip of the mesh in it."""
+    """Range of nodes for launches, with the first node of each strip of the mesh in the range."""
 
     begin: int
     end: int
@@ -36,7 +36,7 @@ class Span(NamedTuple):
     def cut(self, begin: int, end: int, step: int, field: int = 0) -> "Cuts | None":
         """Cut a launch over the nodes from `begin` to `end`, with `step` nodes per thread.
 
-        field: number from which the first argument of the kernel counts.
+        field: offset of the field, which is added to the first argument of the kernel.
         """
         if self.starts is None:
             return None
@@ -71,7 +71,7 @@ class Launcher(NotCopyable):
     """
 
     def __init__(self, device: str, comm: Communicator | None = None, nodes: int = 1) -> None:
-        """Create a launcher; `nodes` per element, of which blocks of threads hold whole ones."""
+        """Create a launcher; a block of threads holds whole elements of `nodes` nodes each."""
         self.device, self.comm = device, comm or Communicator()
         with self.comm.root_first():
             keep_headers()
@@ -112,7 +112,7 @@ class Launcher(NotCopyable):
     def _cached(self, module: Any) -> Path:
         """Return the path of Warp's copy of the module compiled for this processor or GPU."""
         place = Path(wp.config.kernel_cache_dir, module.get_module_identifier(self._block_dim))
-        if warp_internals() is not None:  # else for any
+        if warp_internals() is not None:  # otherwise the module for any processor
             device, block_dim = wp.get_device(self.device), self._block_dim
             place /= getattr(module, OBJECT)(device, block_dim=block_dim)
         return place
@@ -121,7 +121,7 @@ class Launcher(NotCopyable):
         """Load or compile a module; raise ConfigError if Warp's cached copy cannot be loaded."""
         try:
             module.load(self.device, block_dim=self._block_dim)
-        except Exception as error:  # Warp raises this class
+        except Exception as error:  # Warp raises plain Exception
             if not (kept := self._cached(module)).exists():
                 raise
             raise ConfigError(
@@ -168,7 +168,7 @@ class Launcher(NotCopyable):
 def warp_internals() -> Any | None:
     """Return Warp's module `context`, or None if its private methods are not those used here.
 
-    With another version of Warp, each process compiles Warp's headers, a kernel counts as compiled
+    Without these methods, each process compiles Warp's headers, a kernel counts as compiled
     regardless of the processor, and launches do not run strip by strip; results are the same.
     """
     try:
@@ -189,11 +189,11 @@ def warp_internals() -> Any | None:
 def keep_headers() -> None:
     """Keep Warp's compiled headers beside the kernels, which saves every process 2 s.
 
-    Warp has no setting for their path: each thread has a temporary one. Clang moves a complete file
-    to its path, so that processes may share it; another processor needs another file, and so does
-    another installation of Warp, even of the same version, because headers are identified by their
-    paths. Their templates are instantiated once, in the header file, instead of for each kernel,
-    which saves 0.1 s per kernel.
+    Warp has no setting for the path of its compiled headers: each thread has a temporary path.
+    Clang moves a complete file to this path, so that processes may share it. Each processor needs a
+    separate file, and so does each installation of Warp, even of one version, because Clang
+    identifies headers by path. Their templates are instantiated once, in the compiled headers,
+    instead of for each kernel, which saves 0.1 s per kernel.
     """
     context = warp_internals()
     if context is None or context.runtime.llvm is None:
@@ -219,10 +219,10 @@ def _identity(argument: Any) -> object:
 def in_runs(
     launch: Launcher, kernel: Any, real: Any, lanes: int, *spans: Span
 ) -> list[Callable[..., None]]:
-    """Return the launches of kernels that share the numbers in the spans.
+    """Return functions that together launch a kernel over all numbers in the spans.
 
-    Threads of the kernel process `lanes` numbers each, and the remainder one each. The kernel's
-    first argument is its first number; the launches take the others.
+    A thread processes `lanes` numbers of type `real`, or one in the remainder of a span. The first
+    argument of the kernel is its first number; the functions accept the other arguments.
     """
     runs = []
     for span in spans:
@@ -236,7 +236,7 @@ def in_runs(
 
 
 def find_device(name: str, local: int = 0) -> str:
-    """Return the Warp device of that name; with several GPUs, "cuda" is number `local` of a rank.
+    """Return the Warp device of that name; "cuda" is the GPU for rank `local` of this machine.
 
     Raises ConfigError if this machine has no such device.
     """

@@ -53,7 +53,7 @@ class EdgePenaltyOperator:
         self._sums = in_runs(*run, *mesh.spans(mesh.inner if direct else 0))
 
     def __call__(self, x: wp.array, factor: float, out: wp.array, start: wp.array) -> None:
-        """Set the wind of `out` to that of `start` plus `factor` times the penalty of x's wind.
+        """Set the wind of `out` to start's wind plus `factor` [s] times the penalty of x's wind.
 
         All three may be the same array.
         """

@@ -2,9 +2,9 @@
 
 For A = I - tau L with L(V, h) = (-f k x V - g G h, -D H V), elimination of the wind leads to S dh =
 r_h - tau D H T r_V with S = I - tau^2 g D H T G and T = (I + tau f k x)^-1, and then dV = T (r_V -
-tau g G dh). With effects that damp wind and depth at a rate that depends on the wavenumber, F is
-the inverse of I + tau times that rate, and S = I - tau^2 g D H T G F^2, as if F commuted with all
-other operators: S dk = r_h - tau D H T F r_V, dh = F dk and dV = T (F r_V - tau g G F^2 dk).
+tau g G dh). Some effects damp wind and depth at a rate R that depends on the wavenumber. With F =
+(I + tau R)^-1 and S = I - tau^2 g D H T G F^2, the solution is then approximated as if F commuted
+with all operators: S dk = r_h - tau D H T F r_V, dh = F dk, dV = T (F r_V - tau g G F^2 dk).
 
 G and D are the model's operators after DSS: a compact Laplacian instead is a bad preconditioner,
 because it differs on the grid-scale modes. `SchurMatrix` holds S as sparse matrices on the host,
@@ -31,19 +31,19 @@ from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.sparse import column_squares
 
 MOST = 5.0
-"""Upper bound on tau D of the shortest waves, also in longer steps.  F does not commute with G and
-D, and the multilevel cycle diverges if F removes almost all of the shortest waves."""
+"""Largest product of tau and the damping rate R; in longer steps R is reduced.  F does not commute
+with G and D, and the multilevel cycle diverges if F removes almost all of the shortest waves."""
 
 Rate = Callable[[Array], Array]
 """Function from squared wavenumbers k^2 [m-2] to damping rates [s-1] of these waves."""
 
 
 class Damping:
-    """F = (I + tau D)^-1 on fields, and on wind and depth of states of the number type `given`.
+    """F = (I + tau R)^-1 on fields, and on wind and depth of states of the number type `given`.
 
-    D damps waves of wavenumber k at a rate D(k). F is applied element by element, in the
-    eigenfunctions of the weak Laplacian of an element without flux through its boundary, which is
-    treated as a rectangle of its mean size.
+    R damps waves of wavenumber k at the `rate` R(k^2). F is applied element by element, in the
+    eigenfunctions of the weak Laplacian without flux through the boundary. For this purpose an
+    element is a rectangle of its mean size.
     """
 
     def __init__(self, mesh: DeviceMesh, launch: Launcher, rate: Rate, given: Any) -> None:
@@ -73,7 +73,7 @@ class Damping:
         """State of the last call of `damp_wind`."""
 
     def configure(self, tau: float) -> None:
-        """Set the implicit step [s]."""
+        """Set the implicit step tau [s]."""
         strongest = tau * float(self._rate(self._wavenumbers).max())
         rate = self._rate(self._wavenumbers[self._mesh.part.elements])
         factor = 1.0 / (1.0 + tau * min(1.0, MOST / max(strongest, MOST)) * rate)
@@ -122,13 +122,13 @@ class Damping:
 
 
 Step = tuple[float, float, float]
-"""Coefficients of a Chebyshev step."""
+"""Coefficients (keep, take, beta) of a Chebyshev step."""
 
 
 class SchurOperator:
-    """The eliminated system in the number type of `mesh`, for state vectors of type `given`.
+    """The eliminated system in the number type of `mesh`, for state vectors (3N,) of type `given`.
 
-    Call `configure` first, and again when tau [s] or the depth [m] changes.
+    gravity [m s-2], coriolis (N,) [s-1]. Call `configure` first and when tau or depth changes.
     """
 
     def __init__(
@@ -156,7 +156,7 @@ class SchurOperator:
         self._passages = functools.cache(
             lambda given: launch.compile(mesh.types(given=given, whole=False), *passages)
         )
-        """Kernels between fields and vectors of a number type."""
+        """Kernels that copy vectors of a number type to fields and back."""
         self._f1, self._f2 = self.field(), self.field()
         self._local = mesh.local(1, self._value)
         self._slopes, rows = mesh.local(1, self._value, 2), mesh.rows // mesh.points
@@ -165,7 +165,7 @@ class SchurOperator:
             wp.zeros(self.size, dtype=mesh.real, device=mesh.device) for _ in range(3)
         )
         self.damping = None if damping is None else Damping(mesh, launch, damping, given)
-        """Damping factor of implicit diffusion, if there is any."""
+        """Operator F of implicit diffusion; None without diffusion."""
         self._gradient, self._wind_fluxes, self._slope_fluxes, *others = launch.compile(
             types, helmholtz.gradient, helmholtz.wind_fluxes, helmholtz.slope_fluxes,
             helmholtz.eliminated, helmholtz.chebyshev, helmholtz.substituted,
@@ -197,7 +197,7 @@ class SchurOperator:
         return self.mesh.collect(self._nodal).astype(np.float64)
 
     def configure(self, tau: float, depth: Array, inverse_diagonal: Array) -> None:
-        """Set the implicit step [s], the depth (N,) [m] and one over the diagonal of S (N,)."""
+        """Set the implicit step tau [s], the depth (N,) [m] and 1 / (diagonal of S) (N,)."""
         mesh, nodes, angle = self.mesh, self._nodes, tau * self.coriolis
         if self.damping is not None:
             self.damping.configure(tau)
@@ -223,7 +223,7 @@ class SchurOperator:
         self._launch(self._eliminated, *local, r, self.tau, b.values)
 
     def substitute(self, r: wp.array, h: Field, out: wp.array) -> None:
-        """Set out (3N,) = (T (r_V - tau g G h), h), with the last eliminated r."""
+        """Set out (3N,) = (T (r_V - tau g G h), h); r must be that of the last `eliminate`."""
         if self.damping is not None:
             r = self.damping.state
         self._differentiate(h)
@@ -262,7 +262,7 @@ class SchurOperator:
     def chebyshev_start(
         self, coefficients: Step, r: Field, d: Field, x: Field, b: Field | None = None
     ) -> None:
-        """Take a Chebyshev step from d = x = 0, whatever they contain, without a product with S."""
+        """Set d = x = 0 and take a Chebyshev step, which then needs no product with S."""
         for zero in (self._local, d, x):
             zero.values.zero_()
         self._smooth(-1.0, coefficients, b or r, d, r, d, x)
@@ -295,7 +295,7 @@ class SchurOperator:
 
 
 class SchurMatrix:
-    """S = I - tau^2 g D H T G on a mesh, G and D the gradient and divergence of the kernels."""
+    """S = I - tau^2 g D H T G as sparse matrices; gravity [m s-2], coriolis (N,) [s-1]."""
 
     def __init__(self, mesh: Mesh, gravity: float, coriolis: Array) -> None:
         self.mesh, self.gravity, self.coriolis = mesh, gravity, coriolis
@@ -322,9 +322,9 @@ class SchurMatrix:
         self, mass: scipy.sparse.csr_matrix, slopes: scipy.sparse.csr_matrix, tau: float,
         depth: Array,
     ) -> scipy.sparse.csr_matrix:  # fmt: skip
-        """Return B^T M S B of the symmetric part of S for a basis B, with M the areas.
+        """Return B^T M S B for a basis B, with the symmetric part of S and the nodal areas M.
 
-        mass = B^T M B and slopes = G B (2N, V).
+        Arguments: mass = B^T M B (V, V) [m2], slopes = G B (2N, V) [m-1], tau [s], depth (N,) [m].
         """
         weight = (self.mesh.area * self.weight(tau, depth)).astype(slopes.dtype)
         stiffness = slopes.T @ (scipy.sparse.diags_array(np.tile(weight, 2)) @ slopes)

@@ -1,7 +1,7 @@
 """Discrete operators as sparse matrices: gradient, divergence, stiffness; others by probing.
 
-They equal the operators of the kernels entry by entry: block elimination of the linearised
-equations must use these and not a compact Laplacian.
+The matrices equal the operators of the kernels entry by entry: block elimination of the linearised
+equations must use these operators and not a compact Laplacian.
 """
 
 from __future__ import annotations  # scipy.sparse is loaded where it is used
@@ -31,7 +31,7 @@ class ElementSpace:
     """(E, k) numbers of the functions; -1 for an omitted one."""
 
     def matrix(self, rows: NDArray[np.int32], values: Array) -> scipy.sparse.coo_array:
-        """Return values (E, np*np, k) of the functions in rows (E, np*np); duplicates add up."""
+        """Return the matrix of function values (E, np*np, k) in rows (E, np*np); duplicates add."""
         shape = (*rows.shape, self.numbers.shape[1])
         values = np.broadcast_to(values, shape)
         columns = np.broadcast_to(self.numbers[:, None, :], shape)
@@ -76,9 +76,9 @@ def divergence(mesh: Mesh) -> scipy.sparse.csr_matrix:
 def stiffness(
     mesh: Mesh, coefficient: Array, space: ElementSpace | None = None
 ) -> scipy.sparse.csr_matrix:
-    """Return the integral (N, N) of coefficient grad phi . grad s, from the element matrices.
+    """Return the integrals (N, N) of coefficient (N,) times grad phi . grad s of nodal functions.
 
-    With a `space` it is the integral of its functions, without the large matrix on the nodes.
+    With a `space` these are integrals of its functions, without the large matrix on the nodes.
     """
     lines = _lines(mesh)
     numbers = mesh.nodes.reshape(mesh.elements, -1)
@@ -109,7 +109,7 @@ def _lines(mesh: Mesh) -> Array:
 
 
 def _derivatives(mesh: Mesh, along_1: Array, along_2: Array) -> scipy.sparse.csr_matrix:
-    """Return DSS (N, N) of along_1 D1 + along_2 D2, mass-weighted coefficients (E, np, np)."""
+    """Return DSS (N, N) of along_1 D1 + along_2 D2, with weighted coefficients (E, np, np)."""
     d, n = mesh.derivative, mesh.np
     shape = (2, mesh.elements, n, n, n)
     values, columns = np.empty(shape), np.empty(shape, dtype=np.int32)
@@ -141,7 +141,7 @@ def column_squares(mesh: Mesh, weight: Array) -> Array:
     be squared line by line, without the matrix; only the diagonal entries depend on all elements
     around a node.
 
-    `weight` has shape (N,); the result is in its unit over m2.
+    `weight` has shape (N,); the unit of the result is that of `weight` per m2.
     """
     across = [_across(mesh, direction) for direction in (1, 2)]
     inside = [(nodes[:, 1:-1], factors[:, :, 1:-1]) for nodes, factors in across]
@@ -189,7 +189,7 @@ Int = NDArray[np.int32]
 
 
 class Probing:
-    """Finds columns that share no row by one product (Curtis, Powell & Reid 1974)."""
+    """Finds a matrix by products for columns without common rows (Curtis, Powell & Reid 1974)."""
 
     def __init__(self, mesh: Mesh) -> None:
         ones = np.ones(mesh.nodes.size, dtype=np.int8)
@@ -207,7 +207,7 @@ class Probing:
         self._ends = np.concatenate([[0], np.cumsum(counts)])
 
     def matrix(self, product: Callable[[Array], Array], fields: int) -> scipy.sparse.csr_array:
-        """Return the (fields N, fields N) matrix of `product`, which maps vectors (fields N,)."""
+        """Return the matrix of `product` on (fields N,) that only couples nodes of an element."""
         n = self.colours.size
         found: list[tuple[Array, Int, Int]] = []
         for colour in range(self._ends.size - 1):

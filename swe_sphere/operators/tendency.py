@@ -44,9 +44,9 @@ class TendencyOperator:
         self.local, self._places = mesh.scratch(unknowns, types.value), mesh.places(unknowns)
         lanes, begin = (mesh.lanes, mesh.inner) if direct else (1, 0)
         self._sums = in_runs(launch, assembly, mesh.real, lanes, *mesh.spans(begin))
-        """DSS of what elements have not finished, as many nodes at once as a register holds."""
+        """Launches of DSS at the nodes that the kernel over elements has not finished."""
         self.kernels = [self._kernel, specialise(assembly, mesh.real), *self._fluxes]
-        """The kernels of one node or one group of elements a thread."""
+        """The kernels with one node or one group of elements per thread."""
         launch.load(*self.kernels)
 
     def __call__(self, x: wp.array, out: wp.array) -> None:

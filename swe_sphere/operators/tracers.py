@@ -38,7 +38,7 @@ class TracerTransport:
         self, wind: wp.array, x: wp.array, first: int, out: wp.array, to: int, stage: Any = None,
         kernel: Any = None,
     ) -> None:  # fmt: skip
-        """Set out[to:] = -div(m V) for the masses m in x[first:] and the wind V in front of `wind`.
+        """Set out[to:] = -div(m V) for masses m in x[first:] and the wind V = wind[:2N].
 
         With a `stage` (a `stage_struct`), out[to:] is the result of the stage instead of the rate.
         """
@@ -70,7 +70,7 @@ class MixingRatio:
         self._launch, self._offsets = launch, (depth, first, mesh.size)
         self._dim = (count, mesh.size)
         self.values = wp.zeros(count * mesh.size, dtype=mesh.real, device=mesh.device)
-        """(count*N,)"""
+        """(count*N,) mixing ratios of the last `set`."""
         self._ratio, self._follow, self._correct = launch.compile(
             mesh.real, mixing_ratio, follow, correct
         )
@@ -120,7 +120,7 @@ class Limiter:
         chunks, count = mesh.chunks, self._count
         self._partial = wp.zeros((chunks.count, count), dtype=wp.vec3d, device=mesh.device)
         self._everything = self._partial
-        """The partial sums, or of several ranks their sum."""
+        """The partial sums; with several ranks, their total."""
         if mesh.comm.shared:
             self._everything = wp.zeros((1, count), dtype=wp.vec3d, device=mesh.device)
         self._part = wp.zeros(self._count, dtype=wp.vec2d, device=mesh.device)
@@ -177,16 +177,16 @@ class Crossings:
         self._most = wp.zeros(mesh.groups, dtype=types.value, device=mesh.device)
 
     def bound(self, flux: wp.array, air: wp.array) -> float:
-        """Bound the spectral radius [s-1] of q -> div(q flux) / air, to within about a third."""
+        """Return the spectral radius [s-1] of q -> div(q flux) / air, or up to a third more."""
         self._launch(self._kernel, self._mesh.groups, self._geometry, flux, air, self._most)
         return self._symbol * float(self._mesh.comm.of_each(self._most.numpy().max()).max())
 
 
 class MassSteps:
-    """Solves dm/dt = -div(m V) for `count` masses m, blocks (N,) from `first` on in states.
+    """Solves dm/dt = -div(m V) for `count` masses m, blocks (N,) from `first` on in states (size,).
 
-    With the offset `depth` of h the flow is a mass flux F: dm/dt = -div(q F), q = m / h, and
-    dh/dt = -div(F). h changes linearly to its new value: q = 1 stays 1.
+    With the offset `depth` of h, the flow is a mass flux F: dm/dt = -div(q F) with q = m / h, and
+    dh/dt = -div(F). h changes linearly in time, so that q = 1 stays 1.
     """
 
     def __init__(
@@ -208,9 +208,9 @@ class MassSteps:
     def __call__(
         self, flow: wp.array, state: wp.array, tau: float, parts: int, fractions: Sequence[float]
     ) -> None:
-        """Step the masses of a state by tau [s] in equal parts, by the flow in front of `flow`.
+        """Step the masses of a state by tau [s] in `parts` equal sub-steps with the flow[:2N].
 
-        In each part m_i = m_0 + fractions_i (tau / parts) dm/dt(m_(i-1)); the last fraction is 1.
+        A sub-step is m_i = m_0 + fractions_i (tau / parts) dm/dt(m_(i-1)); the last fraction is 1.
         """
         if self._ratio is not None:
             wp.copy(self._old, state[self._depth])

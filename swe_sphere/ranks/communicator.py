@@ -51,7 +51,7 @@ class Messages:
         requests += [comm.Send_init(array, rank) for rank, array in outgoing.items()]
         weakref.finalize(self, lambda: [*map(Prequest.Free, requests)])
         self.start = functools.partial(Prequest.Startall, requests)
-        """Sends all outgoing arrays, which must not change before `wait`, and receives."""
+        """Function that sends all arrays, which must not change before `wait`, and receives."""
         self._are_complete = functools.partial(Prequest.Testall, requests)
 
     def wait(self) -> None:
@@ -122,7 +122,7 @@ class Communicator:
     ) -> NDArray[Any]:
         """Return the arrays of all ranks, of one number type, flat and one after the other.
 
-        counts: the size of the array of each rank; out: an array for those of several ranks.
+        counts: size of the array of each rank; out: array for the result of several ranks.
         """
         if not self.shared:
             return mine.ravel()
@@ -194,7 +194,7 @@ class Communicator:
         self.agree_to_fail(f"{kind.__name__}: {error}")
 
     def agree_to_fail(self, line: str) -> None:
-        """If all ranks fail within `PATIENCE`; otherwise print the line and end all ranks."""
+        """Return if all ranks fail within `PATIENCE`; otherwise print the line, end all ranks."""
         if self.shared and not _complete(self._failures.Ibarrier().Test, PATIENCE):
             sys.stderr.write(f"swe-sphere: rank {self.rank} of {self.size}: {line}\n")
             time.sleep(0.2)  # so that mpiexec prints the line before it ends all ranks
@@ -244,7 +244,7 @@ def started_ranks() -> int | None:
     None stands for a process that is not a rank, for example one started by a rank.
     """
     said = [os.environ[name] for name in SIZES if name in os.environ]
-    socket = "" if len(said) > 1 else os.environ.get("PMI_FD", "")  # of an outer MPI
+    socket = "" if len(said) > 1 else os.environ.get("PMI_FD", "")  # socket of an outer MPI
     if socket.isdigit() and not Path(f"/dev/fd/{socket}").is_socket():
         return None
     if not said and "PMIX_RANK" in os.environ:
@@ -253,7 +253,7 @@ def started_ranks() -> int | None:
 
 
 def leave_ranks() -> None:
-    """Make this process, which a rank started, an independent process."""
+    """Remove the variables of the launcher, so that this process is independent of ranks."""
     for name in (*SIZES, *OF_RANKS, "PMI_FD"):
         os.environ.pop(name, None)
 

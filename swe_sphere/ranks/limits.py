@@ -19,7 +19,7 @@ class GivenUp(SweError):
 
 
 stop_is_asked: ContextVar[Callable[[], bool]] = ContextVar("asked", default=lambda: False)
-"""Function of the loop of steps; it returns whether the loop is to stop."""
+"""Function () of the loop over time steps that returns whether the loop is to stop."""
 command_began: ContextVar[float] = ContextVar("began")
 """Start of the present command [s, of time.monotonic], from which its time limit counts."""
 
@@ -27,7 +27,7 @@ command_began: ContextVar[float] = ContextVar("began")
 def check_stop() -> None:
     """Raise GivenUp if the loop that takes the present step is to stop.
 
-    Long steps call it within them, on all ranks at the same point of their work.
+    Long steps call this function repeatedly, on all ranks at the same point of their work.
     """
     if stop_is_asked.get()():
         raise GivenUp("the step was interrupted")
@@ -44,14 +44,14 @@ def process_age() -> float:
 
 @cache
 def _libraries(scipy: bool) -> ThreadpoolController:
-    """Return the BLAS libraries loaded so far; scipy loads its own with `scipy.linalg`."""
+    """Return the BLAS libraries loaded so far; `scipy`: True if `scipy.linalg` added its BLAS."""
     return ThreadpoolController()
 
 
 def one_thread() -> AbstractContextManager[object]:
     """Limit BLAS to one thread within a block.
 
-    The libraries of numpy and scipy each have spinning threads: together fifty times slower.
+    The BLAS threads of numpy and of scipy both spin while idle, and slow each other down.
     """
     libraries = _libraries("scipy.linalg" in sys.modules)
     limited: AbstractContextManager[object] = libraries.limit(limits=1, user_api="blas")
@@ -59,10 +59,10 @@ def one_thread() -> AbstractContextManager[object]:
 
 
 def keep_to_one_thread() -> None:
-    """Limit BLAS to one thread in this process, unless OPENBLAS_NUM_THREADS says otherwise.
+    """Limit BLAS to one thread in this process, unless OPENBLAS_NUM_THREADS sets another count.
 
-    The limit also holds for libraries loaded later. Processes that share a machine need it: their
-    spinning threads would wait for each other.
+    The limit also holds for libraries loaded later. Processes that share a machine need the limit,
+    because their spinning threads would wait for each other.
     """
     if os.environ.setdefault("OPENBLAS_NUM_THREADS", "1") == "1":
         ThreadpoolController().limit(limits=1, user_api="blas")
