@@ -19,9 +19,9 @@ TOLERANCE = 1e-2
 BASIS = 16
 """Number of vectors of a Krylov basis."""
 CYCLES = 20
-"""Largest number of bases; the last one's result is accepted without a test."""
+"""Largest number of bases; the result of the last basis is accepted without a test."""
 INVARIANT = 1e-6
-"""Relative size of a product outside the basis below which it counts as rounding."""
+"""Relative size of the part of a product outside the basis that counts as rounding."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Spectrum:
     dissipation: float = 0.0
     wind: float = 0.0
     turning: float = 0.0
-    """Share of the wind in `wave`, and the Coriolis parameter; set if a limit depends on them."""
+    """Part of `wave` due to the wind, and largest Coriolis parameter, for limits that use them."""
 
 
 def spectral_radius(
@@ -40,15 +40,12 @@ def spectral_radius(
 ) -> float:
     """Return the largest modulus of eigenvalues [s-1] of an operator's derivative, to about 1 %.
 
-    operator: acts on wind and depth, as part of that component of the right-hand side. The
-    derivative is taken at `state`. Arnoldi iteration finds the eigenvalue from the product [F(u+d)
-    - F(u-d)]/2, which is exact for a d of any size if F is a quadratic polynomial of the state;
-    otherwise d is small. Raises ConfigError if the right-hand side is not finite.
+    operator: function F of wind and depth, part of that component of the right-hand side. Arnoldi
+    iteration uses products with the derivative at `state`: F(u+d) - F(u) for a quadratic F in
+    float64, otherwise [F(u+d) - F(u-d)]/2. Raises ConfigError if the tendency is not finite.
     """
-    degrees = [effect.degree for effect in acting(model.scene, component)]
-    quadratic = all(degree is not None and degree <= 2 for degree in degrees)
-    reach = 1.0 if quadratic else float(np.cbrt(np.finfo(model.device_mesh.numpy_real).eps))
-    product = _scaled_product(model, state, operator, reach)
+    quadratic = all(effect.degree in (0, 1, 2) for effect in acting(model.scene, component))
+    product = _scaled_product(model, state, operator, quadratic)
     start = np.random.default_rng(0).standard_normal(len(model.fluid) * model.mesh.size)
     with np.errstate(over="ignore", invalid="ignore"):
         found = largest_modulus(product, start, TOLERANCE)
@@ -62,16 +59,15 @@ def spectral_radius(
 
 
 def largest_modulus(product: Product, start: Array, tolerance: float) -> float:
-    """Return the modulus of the largest eigenvalue to a relative tolerance, unless out of reach.
+    """Return the modulus of the largest eigenvalue, to a relative tolerance if `CYCLES` suffice.
 
-    Arnoldi iteration from `start` (n,), restarted from the largest Ritz vector, in float32, whose
-    rounding is a thousandth of any useful tolerance. A product that is not finite gives NaN. All
+    Arnoldi iteration from `start` (n,), restarted from the largest Ritz vector, in float32: its
+    rounding is far below useful tolerances. If a product is not finite, neither is the result. All
     ranks call this function together, each with the whole of `start` and of the products.
     """
     basis = np.zeros((BASIS + 1, start.size), np.float32)
     with one_thread():  # the split of sums depends on the number of threads
-        # nearer to the eigenvector than the start itself
-        begin: NDArray[np.floating] = product(start)
+        begin: NDArray[np.floating] = product(start)  # nearer to the eigenvector than `start`
         for _ in range(CYCLES):
             size = float(np.linalg.norm(begin))
             if size == 0.0 or not np.isfinite(size):
@@ -92,7 +88,7 @@ def largest_modulus(product: Product, start: Array, tolerance: float) -> float:
 def _hessenberg(product: Product, basis: NDArray[np.float32]) -> Array:
     """Fill an orthonormal basis from its first vector; return the operator in it (k + 1, k).
 
-    k is less than the length of the basis if the operator maps k vectors to their span.
+    k is `BASIS`, or less if the operator maps the first k vectors to their span.
     """
     small = np.zeros((len(basis), len(basis) - 1))
     for j in range(len(basis) - 1):
@@ -106,7 +102,8 @@ def _hessenberg(product: Product, basis: NDArray[np.float32]) -> Array:
             components = basis[done] @ basis[j + 1]
             basis[j + 1] -= components @ basis[done]
             small[done, j] += size * components.astype(np.float64)
-        rest = float(np.linalg.norm(basis[j + 1]))
+            if (rest := float(np.linalg.norm(basis[j + 1]))) > 0.5:
+                break  # too little was subtracted for rounding errors to matter
         if rest <= INVARIANT:
             return small[: j + 2, : j + 1]
         small[j + 1, j] = size * rest
@@ -115,35 +112,42 @@ def _hessenberg(product: Product, basis: NDArray[np.float32]) -> Array:
 
 
 def _scaled_product(
-    model: DiscreteScene, state: wp.array, operator: Operator, reach: float
+    model: DiscreteScene, state: wp.array, operator: Operator, quadratic: bool
 ) -> Product:
-    """Return J d with depth as h sqrt(g/H), H its mean: waves have equal parts of wind and depth.
+    """Return d -> J d with depth as h sqrt(g/H), H its mean: waves have equal wind and depth.
 
-    Each of several ranks computes its own nodes, and receives the whole product.
+    Each of several ranks computes its own nodes, and receives the whole product, in an array that
+    the next product overwrites. A central difference is exact for a quadratic operator and any d.
     """
-    mesh = model.device_mesh
-    fluid = state[: model.fluid_size]
+    mesh, eps = model.device_mesh, np.finfo(model.device_mesh.numpy_real).eps
+    forward = quadratic and eps < 1e-12
+    fluid, heights, factor = state[: model.fluid_size], slice(-mesh.size, None), 1.0
     base = fluid.numpy().astype(np.float64)
-    scale = np.ones(base.size)
     if model.scene.wind is None:  # otherwise the depth is the only field
-        depth = mesh.collect(fluid[-mesh.size :]).astype(np.float64)
-        mean = np.average(depth, weights=model.mesh.area)
-        scale[-mesh.size :] = np.sqrt(mean / model.scene.planet.gravity)
-    size = reach * (mesh.comm.of_each(np.abs(base / scale).max()).max() or 1.0)
+        mean = np.average(mesh.collect(fluid[-mesh.size :]), weights=model.mesh.area)
+        factor = float(np.sqrt(mean / model.scene.planet.gravity))
+    largest = max(np.abs(base[: -mesh.size]).max(initial=0.0), np.abs(base[heights]).max() / factor)
+    size = mesh.comm.of_each(largest).max() or 1.0
+    size *= 1.0 if quadratic and not forward else np.cbrt(eps)
     moved, plus, minus = (model.zeros(model.fluid_size) for _ in range(3))
-    room = np.empty(base.size)
+    way, room = np.zeros(base.size), np.empty(base.size)
+
+    def tendency(combine: np.ufunc, out: wp.array) -> None:
+        moved.assign(combine(base, way, out=room))
+        operator(moved, out)  # always the same array, which recorded launches keep
+
+    tendency(np.add, minus)
 
     def product(d: NDArray[np.floating]) -> Array:
         step = size / max(float(d.max()), -float(d.min()), np.finfo(float).tiny)
-        mine = mesh.restrict(d)
-        for sign, out in ((1.0, plus), (-1.0, minus)):
-            np.multiply(mine, sign * step, out=room, dtype=np.float64)
-            np.multiply(room, scale, out=room)
-            moved.assign(np.add(base, room, out=room))
-            operator(moved, out)  # always the same array, which recorded launches keep
-        difference: Array = plus.numpy().astype(np.float64)
-        difference -= minus.numpy()
-        difference /= np.multiply(scale, 2.0 * step, out=room)
-        return mesh.collect(difference)
+        np.multiply(mesh.restrict(d), step, out=way, dtype=np.float64)
+        way[heights] *= factor
+        tendency(np.add, plus)
+        if not forward:
+            tendency(np.subtract, minus)
+        np.subtract(plus.numpy(), minus.numpy(), out=room, dtype=np.float64)
+        room[heights] /= factor
+        np.divide(room, step if forward else 2.0 * step, out=room)
+        return mesh.collect(room)
 
     return product
