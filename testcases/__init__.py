@@ -1,4 +1,4 @@
-"""Scenes: each is a short function of data and formulas, found by its module."""
+"""Scenes: every function of these modules that returns a `Scene`, by name in `SCENES`."""
 
 from swe_sphere.testcases.user_scenes import SCENES, get_scene, list_scenes
 

@@ -22,9 +22,9 @@ SCENES = read_toml(Path(__file__).with_name("scenes.toml"))
 
 
 def build_scene(name: str, exact: UnsteadyState | None = None, **fields: Any) -> Scene:
-    """Return the scene with its fields in scenes.toml, unless `fields` replaces them.
+    """Return the scene `name` with its entries in scenes.toml; `fields` add to or replace them.
 
-    Without `initial` the scene starts from the exact solution.
+    The initial state is `exact` at t = 0, unless `fields` contain `initial`.
     """
     initial = {} if exact is None else {"initial": lambda lon, lat: exact(lon, lat, 0.0)}
     return Scene(name, exact=exact, **SCENES[name] | initial | fields)
@@ -36,26 +36,26 @@ def at_rest(depth: float) -> State:
 
 
 def tilted_latitude(lon: Array, lat: Array, alpha: float) -> Array:
-    """Sine of the latitude above the equator of the axis c = (-sin α, 0, cos α)."""
+    """Return the sine of the latitude relative to the axis (-sin α, 0, cos α); α [rad]."""
     sine: Array = np.sin(lat) * np.cos(alpha) - np.cos(lat) * np.cos(lon) * np.sin(alpha)
     return sine
 
 
 def solid_body(lon: Array, lat: Array, alpha: float) -> tuple[Array, Array]:
-    """Return the eastward and northward components of c × n, c = (-sin α, 0, cos α), n the point.
+    """Return the eastward and northward components of c × n at the unit vectors n of points.
 
-    This is the solid-body wind of unit angular speed on the unit sphere (the wind of Williamson et
-    al. 1992, cases 1 and 2); its length is the cosine of the tilted latitude.
+    With c = (-sin α, 0, cos α) this is the solid-body wind of unit angular speed on the unit sphere
+    (Williamson et al. 1992, cases 1 and 2). The wind speed is the cosine of the tilted latitude.
     """
     east = np.cos(lat) * np.cos(alpha) + np.sin(lat) * np.cos(lon) * np.sin(alpha)
     return east, -np.sin(lon) * np.sin(alpha) + 0.0 * lat
 
 
 def turned(point: Array, alpha: float, turn: float) -> Array:
-    """Points (..., 3) rotated by an angle [rad] about (-sin α, 0, cos α): Rodrigues' formula."""
+    """Return unit vectors (..., 3) rotated by `turn` [rad] about (-sin α, 0, cos α); α [rad]."""
     axis = np.array([-np.sin(alpha), 0.0, np.cos(alpha)])
     along = (point @ axis)[..., np.newaxis] * axis
-    along = along * (1.0 - np.cos(turn))
+    along = along * (1.0 - np.cos(turn))  # Rodrigues' formula
     result: Array = point * np.cos(turn) + np.cross(axis, point) * np.sin(turn) + along
     return result
 
@@ -83,19 +83,19 @@ def cone(lon: Array, lat: Array) -> Array:
 def zonal_balance(
     wind: Callable[[Array], Array], south: float = -np.pi / 2.0, north: float = np.pi / 2.0
 ) -> Callable[[Array], Array]:
-    """Return the fall of g h [m2 s-2], from the south pole to a latitude, that balances a wind.
+    """Return the function of latitude [rad] that gives the fall of g h [m2 s-2] from 90°S.
 
-    A steady zonal flow satisfies g ∂h/∂θ = -a u (f + u tan θ / a) (Williamson et al. 1992, eq. 101;
-    Galewsky et al. 2004, eq. 3).
+    A steady zonal wind u on `EARTH` is balanced by g ∂h/∂θ = -a u (f + u tan θ / a) (Williamson et
+    al. 1992, eq. 101; Galewsky et al. 2004, eq. 3).
 
-    wind: eastward wind [m s-1] at latitudes [rad]; smooth, or smooth where it is not zero. south,
-    north: the wind is zero outside of these latitudes [rad].
+    wind: function of latitude [rad] that returns u [m s-1], smooth where u is not zero. south,
+    north: latitudes [rad] outside of which u is zero.
     """
     # 128 Gauss-Legendre panels of 8 points: the integrals are right to round-off
     points, weights = np.polynomial.legendre.leggauss(8)
 
     def integral(start: Array, end: Array) -> Array:
-        """Return the integral of a u (f + u tan θ / a) [m2 s-2] over each Gauss-Legendre panel."""
+        """Return the integrals of a u (f + u tan θ / a) [m2 s-2] from `start` to `end` [rad]."""
         half = 0.5 * (end - start)
         lat = 0.5 * (start + end)[..., None] + half[..., None] * points
         u, coriolis = wind(lat), 2.0 * EARTH.rotation * np.sin(lat)
@@ -117,11 +117,11 @@ def zonal_balance(
 
 @dataclass(frozen=True)
 class ZonalJet:
-    """A wind between two latitudes, infinitely smooth but not analytic at its rims.
+    """Zonal wind between two latitudes, infinitely smooth but not analytic at these latitudes.
 
     u(θ) = u0 exp(s (4/w² - 1/((θ - θ0)(θ1 - θ)))) for θ0 < θ < θ1, w = θ1 - θ0; zero elsewhere.
 
-    speed: u0 [m s-1], the largest wind, halfway; south, north: θ0, θ1 [rad]; sharpness: s [rad2].
+    speed: u0 [m s-1], the largest wind (halfway); south, north: θ0, θ1 [rad]; sharpness: s [rad2].
     """
 
     speed: float

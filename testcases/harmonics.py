@@ -1,12 +1,12 @@
-"""Spherical harmonics, flows built from them, and the decay of their turbulence.
+"""Spherical harmonics, balanced flows built from them, and the scene `turbulence`.
 
 A field of degree up to L has complex coefficients c (L+1, L+1), degree n by order m ≥ 0:
 
     field(λ, θ) = Re Σ c[n, m] P_nm(sin θ) exp(i m λ),
 
 where the mean of P_nm² over the sphere is one. Derivatives are finite at the poles: for m ≥ 1 the
-recurrence runs on P_nm / cos θ, which is a polynomial times cos^(m-1) θ. Flows are smooth, the same
-on every mesh, and the same on every machine for the same seed.
+recurrence runs on P_nm / cos θ, a polynomial in sin θ times cos^(m-1) θ. The flows are smooth and
+do not depend on the mesh; a seed gives the same flow on every machine.
 """
 
 from collections.abc import Callable, Iterator
@@ -25,14 +25,14 @@ from swe_sphere.testcases.flows import build_scene
 
 Complex = NDArray[np.complex128]
 CHUNK = 4096
-"""Number of points evaluated together, which bounds the memory per degree."""
+"""Number of points evaluated together: it bounds the memory for each degree."""
 
 
 def synthesis(coefficients: Complex, lon: Array, lat: Array) -> tuple[Array, Array, Array]:
     """Return fields and their derivatives ∂/∂λ / cos θ and ∂/∂θ [rad-1] at points [rad].
 
-    coefficients: of one field (L+1, L+1), or of several (k, L+1, L+1), which takes less time than
-    one by one; then each result has the leading dimension k. Points may have any shape.
+    coefficients: those of one field (L+1, L+1), or of k fields (k, L+1, L+1). With k fields each of
+    the three results has the leading dimension k, and the call takes less time than k calls.
     """
     shape = np.broadcast_shapes(np.shape(lon), np.shape(lat))
     flat = [np.broadcast_to(x, shape).ravel() for x in (lon, lat)]
@@ -46,7 +46,7 @@ def synthesis(coefficients: Complex, lon: Array, lat: Array) -> tuple[Array, Arr
 
 
 def _summed(coefficients: Complex, lon: Array, lat: Array) -> Array:
-    """Return values and both derivatives (3, k, points)."""
+    """Return values and both derivatives, (3, k, points), of k fields at points (points,)."""
     cos, sine, total = np.cos(lat), np.sin(lat), np.zeros((3, len(coefficients), len(lat)))
     used: NDArray[np.bool_] = np.asarray(coefficients.any(axis=(0, 1)))
     used[1:2] |= used[:1]  # P_n1 is needed for slopes of P_n0, below
@@ -54,7 +54,7 @@ def _summed(coefficients: Complex, lon: Array, lat: Array) -> Array:
         if not used[m]:
             continue
         c, n = coefficients[:, m:, m], np.arange(m, coefficients.shape[1])
-        # of P_n in Σ c_n √((n² - m²) (2n + 1)/(2n - 1)) P_(n-1)
+        # coefficient of each P_n in the sum Σ c_n √((n² - m²) (2n + 1)/(2n - 1)) P_(n-1)
         lower = np.zeros_like(c)
         back = np.sqrt((n**2 - m**2) * (2.0 * n + 1.0) / np.abs(2.0 * n - 1.0))
         lower[:, :-1] = (back * c)[:, 1:]
@@ -76,7 +76,7 @@ def _summed(coefficients: Complex, lon: Array, lat: Array) -> Array:
 def _orders(degree: int, lat: Array, wanted: NDArray[np.bool_] | None = None) -> Iterator[Array]:
     """Yield P_n0, then P_nm / cos θ for m = 1, 2, …, each (degree + 1 - m, points).
 
-    Arrays of orders that are not `wanted` are empty.
+    wanted (degree + 1,): flags of the orders to compute; the arrays of other orders are empty.
     """
     sine, cos, start = np.sin(lat), np.cos(lat), np.full_like(lat, np.sqrt(1.5))
     tops = np.full(degree + 1, degree) if wanted is None else np.where(wanted, degree, -1)
@@ -87,7 +87,7 @@ def _orders(degree: int, lat: Array, wanted: NDArray[np.bool_] | None = None) ->
 
 
 def _column(degree: int, m: int, sine: Array, start: Array) -> Array:
-    """Return P_nm for n = m … degree (rows) from the first row; its factors carry through."""
+    """Return P_nm for n = m … degree (rows), times the ratio of `start` to P_mm (points,)."""
     column = np.empty((max(degree + 1 - m, 0), len(sine)))
     column[:1] = start
     for n in range(m + 1, degree + 1):
@@ -123,9 +123,9 @@ def legendre(degree: int, lat: Array) -> Iterator[tuple[Array, Array, Array]]:
 
 @dataclass(frozen=True)
 class GaussGrid:
-    """Points on which products of fields up to a total degree are integrated exactly.
+    """Points of a Gauss quadrature that is exact for products of two fields up to `degree`.
 
-    degree: the highest degree of the coefficients; fields may have the same degree.
+    degree: highest degree of the fields, and of the coefficients that the methods return.
     """
 
     degree: int
@@ -140,12 +140,12 @@ class GaussGrid:
         return around, up
 
     def coefficients(self, field: Array) -> Complex:
-        """Return the coefficients of a field on the grid."""
+        """Return the coefficients (degree + 1, degree + 1) of a field on the grid."""
         still = np.zeros_like(field)
         return self._projected(field, still, still)
 
     def against_gradients(self, east: Array, north: Array) -> Complex:
-        """Return coefficients c[n, m] of -∇·F on the unit sphere for a vector field F."""
+        """Return the coefficients of -∇·F on the unit sphere for F = (east, north) on the grid."""
         return self._projected(np.zeros_like(east), east, north)
 
     def _projected(self, field: Array, east: Array, north: Array) -> Complex:
@@ -164,11 +164,11 @@ class GaussGrid:
 class BalancedFlow:
     """The wind k×∇ψ, with a depth for which the divergence has no initial tendency.
 
-    Balance: g ∇²h = ∇·((ζ + f) ∇ψ) - ∇²|v|²/2 (the balance equation, Charney 1955). Linear balance:
-    g ∇²h = ∇·(f ∇ψ).
+    The depth solves the balance equation (Charney 1955) g ∇²h = ∇·((ζ + f) ∇ψ) - ∇²|v|²/2, or its
+    linear form g ∇²h = ∇·(f ∇ψ).
 
-    streamfunction: coefficients of ψ [m2 s-1]; planet: supplies radius, gravity and rotation;
-    depth: mean depth [m]; linear: drops the nonlinear terms.
+    streamfunction: coefficients of ψ [m2 s-1]. planet: radius, gravity and rotation. depth: mean
+    depth [m]. linear: use the linear form.
     """
 
     streamfunction: Complex
@@ -177,7 +177,7 @@ class BalancedFlow:
     linear: bool = False
 
     def state(self, lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        """Return eastward wind, northward wind [m s-1] and depth [m]."""
+        """Return eastward wind, northward wind [m s-1] and depth [m] at points [rad]."""
         height = self.height
         streamfunction = np.zeros_like(height)
         streamfunction[: len(self.streamfunction), : len(self.streamfunction)] = self.streamfunction
@@ -185,13 +185,13 @@ class BalancedFlow:
         return -north[1] / self.planet.radius, east[1] / self.planet.radius, value[0]
 
     def wind(self, lon: Array, lat: Array) -> tuple[Array, Array]:
-        """Return eastward and northward wind [m s-1]."""
+        """Return eastward and northward wind [m s-1] at points [rad]."""
         _, east, north = synthesis(self.streamfunction, lon, lat)
         return -north / self.planet.radius, east / self.planet.radius
 
     @cached_property
     def height(self) -> Complex:
-        """Coefficients of the depth [m], up to the degree at which they are exact."""
+        """Coefficients of the depth [m], up to a degree beyond which they vanish."""
         degree = len(self.streamfunction) - 1
         grid = GaussGrid(degree + 1 if self.linear else 2 * degree + 1)
         lon, lat = grid.points
@@ -216,9 +216,9 @@ def random_streamfunction(
 ) -> Complex:
     """Return coefficients of ψ [m2 s-1] with a given spectrum of kinetic energy and random phases.
 
-    spectrum: energy of each degree, up to a factor; degree: the highest degree, the lowest being 2,
-    so that there is no angular momentum; speed: root mean square of the wind [m s-1]; radius: that
-    of the planet [m]; seed: seed of the random phases.
+    spectrum: function of the degrees (k,) that returns their energies (k,), up to a factor. degree:
+    highest degree; the lowest is 2, because degree 1 has angular momentum. speed: root mean square
+    of the wind [m s-1]. radius: radius of the planet [m]. seed: seed of the random phases.
     """
     draw = np.random.Generator(np.random.PCG64(seed)).standard_normal
     found = np.zeros((degree + 1, degree + 1), dtype=np.complex128)
@@ -233,19 +233,19 @@ def random_streamfunction(
 
 
 def mean_kinetic_energy(streamfunction: Complex, radius: float) -> Array:
-    """Return the mean of |v|²/2 over the sphere [m2 s-2] for each degree."""
+    """Return the mean of |v|²/2 over the sphere [m2 s-2] by degree; radius: of the planet [m]."""
     n = np.arange(len(streamfunction))
     return 0.5 * n * (n + 1) / radius**2 * mean_squares(streamfunction)
 
 
 def mean_squares(coefficients: Complex) -> Array:
     """Return the mean square of a field over the sphere for each degree."""
-    weights = np.where(np.arange(len(coefficients)) == 0, 1.0, 0.5)  # half for waves
+    weights = np.where(np.arange(len(coefficients)) == 0, 1.0, 0.5)  # the mean of cos² m λ
     return np.asarray(np.abs(coefficients) ** 2 @ weights)
 
 
 def inverse_laplacian(coefficients: Complex) -> Complex:
-    """Return ∇⁻² on the unit sphere; zero for the mean."""
+    """Return the coefficients of ∇⁻² of a field on the unit sphere, with mean zero."""
     n = np.arange(len(coefficients))[:, None]
     return coefficients / np.where(n > 0, -n * (n + 1.0), np.inf)
 
@@ -261,11 +261,11 @@ def turbulence(
         E(n) ~ n^(γ/2) / (n + n0)^γ,  γ = 100,  2 ≤ n ≤ 3 n0
 
     with its peak at n0. The depth, 10 km in the mean, gives the divergence no initial tendency
-    (nonlinear balance). Without rotation vortices merge; with rotation jets form. The mesh's own
-    hyperviscosity removes grid-scale enstrophy.
+    (nonlinear balance). Without rotation vortices merge; with rotation jets form. Hyperviscosity
+    of 30 times the default coefficient of the mesh removes grid-scale enstrophy.
 
     Args:
-        rotating: with the Coriolis force of the Earth.
+        rotating: include the Coriolis force of the Earth.
         speed: root mean square of the initial wind [m s-1].
         wavenumber: n0, the degree of the energy's peak; 2 to 40.
         seed: seed of the random phases; a seed gives the same flow on every mesh.
@@ -291,7 +291,7 @@ def turbulence(
         u, v, depth = flow.state(lon, lat)
         if depth.min() <= 0.0:
             raise ConfigError(
-                f"turbulence: a mean depth of 10 km cannot balance {speed:g} m/s: less"
+                f"turbulence: a mean depth of 10 km cannot balance {speed:g} m/s: reduce it"
             )
         return u, v, depth
 

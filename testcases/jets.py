@@ -1,7 +1,7 @@
-"""Jets: unstable, relaxed, or exact and unsteady about a tilted axis.
+"""Jets: barotropically unstable jets, and exact unsteady flows about a tilted axis.
 
-The exact unsteady jets are steady in an inertial frame and seen from the rotating planet, as is the
-solid-body flow of Läuter et al. (2005).
+The exact flows (`lauter`, `tilted_jet`) are steady in an inertial frame; seen from the rotating
+planet their pattern rotates once a day.
 """
 
 from dataclasses import replace
@@ -16,7 +16,7 @@ from swe_sphere.testcases.flows import ZonalJet, build_scene, solid_body, tilted
 from swe_sphere.testcases.harmonics import BalancedFlow, random_streamfunction
 
 JET = ZonalJet(speed=80.0, south=np.pi / 7.0, north=np.pi / 2.0 - np.pi / 7.0)
-"""The jet at 45°N (eq. 2)."""
+"""The jet at 45°N of Galewsky et al. (2004), eq. 2."""
 
 
 def galewsky(
@@ -28,13 +28,13 @@ def galewsky(
 
         g h = g h00 - ∫ a u (f + u tan θ / a) dθ  (+ g 120 m cos θ exp(-(3λ)²) exp(-(15(π/4-θ))²))
 
-    The bump raises the mean depth from 10 km by 1/3 m. The paper also runs the case with `--set
-    viscosity.nu=1e5`; without viscosity the vorticity does not converge after day 4.
+    with h00 = 10158 m. The bump raises the mean depth from 10 km by 1/3 m. The paper also shows a
+    viscous case (`--set viscosity.nu=1e5`). Inviscid vorticity does not converge after day 4.
 
     Args:
-        perturbed: with the bump. Without it the flow is steady (exact), so that all growth comes
-            from the imprint of the grid.
-        speed: speed of the jet [m s-1], 80 in the paper; the mean depth falls with it from 10158 m.
+        perturbed: add the bump. Without the bump the flow is steady (exact), and any disturbance
+            that grows comes from the grid.
+        speed: speed of the jet [m s-1], 80 in the paper; a stronger jet lowers the mean depth.
         seed: seed of random winds in linear balance, with the same energy at each degree of the
             spherical harmonics from 2 to 20, for the members of an ensemble; 0 for no such winds.
         noise: root mean square of the random winds [m s-1].
@@ -66,7 +66,7 @@ def galewsky(
 
 
 def bump(lon: Array, lat: Array) -> Array:
-    """Return the perturbation of depth [m] (eq. 4)."""
+    """Return the initial perturbation of the depth [m] (Galewsky et al. 2004, eq. 4)."""
     across = np.exp(-((3.0 * wrapped(lon)) ** 2))
     h: Array = 120.0 * np.cos(lat) * across * np.exp(-((15.0 * (np.pi / 4.0 - lat)) ** 2))
     return h
@@ -79,16 +79,16 @@ def relaxed_jet(time: float = 10.0, perturbed: bool = True) -> Scene:
 
         ∂h/∂t = … - (h - h_eq) / τ,  h_eq in balance with the jet.
 
-    After a week the jet has rolled up into vortices, while the relaxation rebuilds its slope of
-    depth: at day 20 four waves run along it. The area mean of the depth does not depend on these
-    waves: it falls from 1/3 m above that of h_eq as exp(-t / τ), which is exact. The mesh's own
-    hyperviscosity removes grid-scale enstrophy.
+    After a week the jet has rolled up into vortices. The relaxation rebuilds the slope of the
+    depth, and at day 20 four waves run along the jet. The area mean of the depth is known exactly:
+    its excess over the mean of h_eq is 1/3 m × exp(-t / τ). Hyperviscosity of 30 times the default
+    coefficient of the mesh removes grid-scale enstrophy.
 
     Args:
         time: τ [days].
-        perturbed: with the bump. Without it the jet is steady (exact except for hyperviscosity).
+        perturbed: add the bump. Without it the jet is steady except for hyperviscosity.
 
-    Raises ConfigError for a time that is not positive.
+    Raises ConfigError for a time that is not positive and finite.
     """
     if not 0.0 < time < np.inf:
         raise ConfigError(f"relaxed-jet: time must be positive and finite, got {time}")
@@ -104,23 +104,23 @@ def relaxed_jet(time: float = 10.0, perturbed: bool = True) -> Scene:
 EQUATOR = EARTH.rotation * EARTH.radius
 """Speed of the planet at its equator [m s-1]."""
 SPEED = 2.0 * np.pi * EARTH.radius / (12.0 * DAY)
-"""Speed of the flow at its equator [m s-1]."""
+"""Wind speed of `lauter` at the equator of the flow, in the inertial frame [m s-1]."""
 BOTTOM = 10.0
-"""The constant k2 in g b [m2 s-2]."""
+"""The constant k2 in g b of `bottom` [m2 s-2]."""
 
 
 def lauter(alpha: float = np.pi / 4.0) -> Scene:
     """Unsteady nonlinear flow over orography (exact).
 
-    The flow is smooth, fast and exact, so it is the case to rank time integrators by.
+    The flow is smooth, fast and exact, and therefore serves to rank time integrators.
 
-    Solid-body flow about an axis tilted by α that is fixed in an inertial frame, seen from the
-    rotating planet. With S the sine of the latitude above its equator, at longitude λ + Ω t,
+    The flow is a solid-body rotation about an axis tilted by α and fixed in an inertial frame. With
+    S the sine of the latitude relative to this axis, at the inertial longitude λ + Ω t,
 
         g (h + b) = k1 + (Ω a sin θ)²/2 - (u0 S + Ω a sin θ)²/2,  g b = (Ω a sin θ)²/2 + k2
 
-    with k1 = 133681 m² s⁻² and k2 = 10 m² s⁻². Depth lies between 1256.3 and 13631.3 m over a
-    bottom up to 11 km, for α = π/4. One period is 2 π / Ω = 86164 s.
+    with u0 = 2 π a / 12 days, k1 = 133681 m² s⁻² and k2 = 10 m² s⁻². For α = π/4 the depth is 1256
+    to 13631 m over a bottom of up to 11 km. The period is 2 π / Ω = 86165 s.
 
     Args:
         alpha: tilt of the flow's axis [rad]; the flow is steady for 0.
@@ -148,20 +148,20 @@ def tilted_jet(alpha: float = 0.08, speed: float = 40.0, gaussian: bool = False)
     """Unsteady jet about a tilted axis, over orography (exact).
 
     In an inertial frame the wind is U = (Ω a + F(S)) cos θ' about an axis tilted by α against the
-    planet's, with S = sin θ' the sine of the latitude above the equator of the flow. The bottom g b
-    = (Ω a sin θ)²/2 compensates for the flattening of the planet, so that the flow is steady there
-    and g h = const - ∫ (Ω a + F)² S dS. Seen from the planet it rotates once a day.
+    planet's, with θ' the latitude relative to this axis and S = sin θ'. With the bottom of `lauter`
+    the flow is steady in that frame if g h = 160000 m² s⁻² - ∫ (Ω a + F)² S dS, from S = 0. Seen
+    from the planet the pattern rotates once a day.
 
     Args:
         alpha: tilt of the axis of the flow [rad]; the flow is steady for 0.
-        speed: largest wind of the jet [m s-1].
-        gaussian: F is a Gaussian about 45°N; otherwise it is proportional to S².
+        speed: largest wind F cos θ' of the jet [m s-1]; the Gaussian jet exceeds it by 2 %.
+        gaussian: F is a Gaussian about 45°N; otherwise F is proportional to S².
 
     Raises ConfigError if the depth is not positive everywhere.
     """
 
     def jet(s: Array) -> Array:
-        """Return Ω a + F [m s-1] at the sine of a latitude."""
+        """Return Ω a + F(S) [m s-1]."""
         shape = 1.5 * np.sqrt(3.0) * s**2
         if gaussian:
             shape = np.exp(-(((s - np.sin(np.pi / 4.0)) / 0.2) ** 2)) / np.cos(np.pi / 4.0)
@@ -171,14 +171,14 @@ def tilted_jet(alpha: float = 0.08, speed: float = 40.0, gaussian: bool = False)
     points, weights = np.polynomial.legendre.leggauss(64)  # exact to round-off
 
     def depth(s: Array) -> Array:
-        """Return the depth [m] at the sine of a latitude."""
+        """Return the depth h(S) [m]."""
         sines = 0.5 * np.asarray(s)[..., None] * (1.0 + points)
         fall: Array = 0.5 * s * ((jet(sines) ** 2 * sines) @ weights)
         return (160000.0 - fall) / EARTH.gravity
 
     lowest = float(depth(np.array([-1.0, 1.0])).min())
     if not lowest > 0.0:
-        raise ConfigError(f"tilted-jet: a jet of {speed} m/s drains the pole: take less")
+        raise ConfigError(f"tilted-jet: a jet of {speed} m/s drains the pole: reduce it")
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
         fixed = lon + EARTH.rotation * t

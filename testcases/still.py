@@ -22,9 +22,9 @@ def lake_at_rest(cone: bool = True, rotating: bool = True) -> Scene:
     not cancel.
 
     Args:
-        cone: over the cone of williamson5; otherwise over the smooth 2000 m exp(-|n - n0|²/w²) with
-            w = π/18 at the same point.
-        rotating: with the Coriolis force.
+        cone: use the cone of williamson5; otherwise the smooth mountain 2000 m exp(-|n - n0|²/w²)
+            with w = π/18, unit vectors n and n0 at the centre of that cone.
+        rotating: include the Coriolis force.
     """
     bottom = conical_mountain if cone else _smooth_bottom
 
@@ -52,10 +52,10 @@ def splash() -> Scene:
 
     Without wind and rotation,
 
-        h = 2000 m + 500 m (1 + cos(3 π γ)) for γ < 1/3,
+        h = 2000 m + 500 m (1 + cos(3 π γ)) for γ < 1/3, 2000 m elsewhere,
 
-    γ the angular distance from (3π/2, 0). The crest converges at the antipode after 1.44 days,
-    before the 1.65 days of a small wave. Its height then depends on the mesh.
+    with γ the angular distance from (3π/2, 0). The crest converges at the antipode after 1.44 days;
+    a small wave takes 1.65 days. The height of the crest at the antipode depends on the mesh.
     """
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
@@ -69,8 +69,8 @@ def splash() -> Scene:
 def gravity_bumps() -> Scene:
     """Three bumps of different width radiating gravity waves on the rotating planet.
 
-    From rest, h = 10 km + Σ 1000 m exp(-w d²), d the angular distance: w = 10 at (0.2π, π/3), 80 at
-    (1.2π, π/5) and 360 at (1.6π, -π/4).
+    The fluid is initially at rest with h = 10 km + Σ 1000 m exp(-w d²), where d is the angular
+    distance: w = 10 at (0.2π, π/3), 80 at (1.2π, π/5) and 360 at (1.6π, -π/4).
     """
     bumps = ((0.2, 1.0 / 3.0, 10.0), (1.2, 0.2, 80.0), (1.6, -0.25, 360.0))
 
@@ -84,12 +84,12 @@ def gravity_bumps() -> Scene:
 def dam_break(width: float = 0.05) -> Scene:
     """Circular dam of 20 degrees radius that breaks, smoothed.
 
-    At rest and without rotation,
+    The fluid is initially at rest, without rotation, with
 
         h = 1500 m - 500 m tanh((γ - π/9) / width),
 
-    γ the angular distance from (3π/2, 0). There is no limiter: the steepening bore leaves
-    grid-scale waves behind. The scene tests robustness, not accuracy.
+    where γ is the angular distance from (3π/2, 0). No limiter acts on the depth: the steepening
+    bore leaves grid-scale waves behind. The scene tests robustness, not accuracy.
 
     Args:
         width: width of the smoothed dam [rad]; it should be at least half an element.
@@ -109,15 +109,14 @@ def dam_break(width: float = 0.05) -> Scene:
 def modons() -> Scene:
     """Two pairs of vortices that collide, exchange partners and come back.
 
-    On a planet at rest, under a flat surface at 5000 m, two bursts of zonal wind
+    The planet does not rotate, the depth is 5000 m everywhere, and the wind is two zonal bursts
 
         u = 50 m/s (exp(-(r1/r0)²) - exp(-(r2/r0)²)),  r0 = 750 km
 
-    with r1, r2 the distances to (π/2, 0) and (3π/2, 0). Gravity waves leave first; the modons that
+    with r1, r2 the distances to (π/2, 0) and (3π/2, 0). Gravity waves leave first. The modons that
     form collide near λ = π and λ = 0 and return close to their origin after about 100 days. The
-    flow stays symmetric about the equator, and about the meridians λ = 0 and π.
-
-    The mesh's own hyperviscosity removes grid-scale enstrophy.
+    flow stays symmetric about the equator, and about the meridians λ = 0 and π. Hyperviscosity of
+    30 times the default coefficient of the mesh removes grid-scale enstrophy.
     """
 
     def burst(lon: Array, lat: Array, centre: float) -> Array:

@@ -21,14 +21,14 @@ AIR = 1000.0
 def moving_vortices(alpha: float = 0.25 * np.pi) -> Scene:
     """Two vortices that roll up a front while they go once around the planet (exact).
 
-    Nair & Jablonowski (2008): in addition to the solid-body flow about the axis tilted by α, the
-    air rotates about the moving vortex centre p with the angular speed ω(ρ) = (3√3/2) u₀/a sech²ρ
-    tanh ρ / ρ, where ρ is 3 times the distance from the axis through p. The wind carries, as depth,
+    Nair & Jablonowski (2008): in addition to the solid-body flow about the axis tilted by α, once
+    around in T = 12 days, the air rotates about the moving vortex centre p at the angular speed ω =
+    (3√3/2) (2π/T) sech²ρ tanh ρ / ρ, with ρ 3 times the distance from the axis through p, so that
 
         h = 1000 m (1 - tanh(ρ/5 sin(λ' - ω t))), λ' the longitude about p.
 
-    The solution is that of fixed vortices in the moving frame. (Measuring the longitude about p
-    from the local north instead is wrong unless α is 0 or π/2.)
+    Both λ' and p refer to a frame that moves with the solid-body flow: measuring λ' from the local
+    north instead is wrong unless α is 0 or π/2. The tracer is the depth.
 
     Args:
         alpha: tilt of the axis [rad]; with π/4 the vortices pass over the corners of the cube.
@@ -58,12 +58,11 @@ def deformational(case: Literal[1, 2, 3, 4] = 4) -> Scene:
     """Tracers torn to filaments and brought back (exact after 12 days).
 
     Nair & Lauritzen (2010), cases 1 to 4: the wind deforms the tracers until day 6 and then
-    reverses. Cases 1 and 2 have only this deformation; case 4 adds a solid-body flow, so that
-    errors do not cancel in the reversal; in case 3 the wind diverges, and the depth of the air,
-    initially 1000 m, varies. There are two tracers each of Gaussian hills, cosine bells and slotted
-    cylinders (from smooth to discontinuous), and -0.8 q² + 0.9 of the bells, which shows how
-    numerical mixing breaks the relation between the two (Lauritzen, Skamarock, Prather & Taylor
-    2012).
+    reverses. Cases 1 and 2 contain only this deformation. In case 3 the wind diverges, and the
+    depth of the air, initially 1000 m, varies. Case 4 adds a solid-body flow, so that errors do not
+    cancel in the reversal. The four tracers are two Gaussian hills, two cosine bells, two slotted
+    cylinders (from smooth to discontinuous), and -0.8 q² + 0.9 with q the bells: numerical mixing
+    breaks this relation (Lauritzen, Skamarock, Prather & Taylor 2012).
 
     Args:
         case: number of the case, which selects the wind.
@@ -91,7 +90,7 @@ def deformational(case: Literal[1, 2, 3, 4] = 4) -> Scene:
 
 
 def _vortex_speed(sine: Array) -> Array:
-    """Return the angular speed [s-1] about the vortex centre, at a sine of latitude from there."""
+    """Return the angular speed [s-1] about the vortex centre; sine: point · centre."""
     rho = 3.0 * np.sqrt(np.maximum(1.0 - sine**2, 0.0))
     safe = np.where(rho > 1e-8, rho, 1.0)
     shape = np.where(rho > 1e-8, np.tanh(safe) / safe, 1.0) / np.cosh(rho) ** 2
@@ -100,7 +99,7 @@ def _vortex_speed(sine: Array) -> Array:
 
 
 def _rolled_front(point: Array, centre: Array, t: float) -> Array:
-    """Return the tracer at points (..., 3) after the time t [s] about a fixed vortex centre."""
+    """Return the tracer (depth / `AIR`) at unit vectors (..., 3) at t [s] about a fixed centre."""
     lon, lat = np.arctan2(centre[1], centre[0]), np.arcsin(centre[2])
     east, north = frame(lon, lat)
     sine = point @ centre
@@ -143,7 +142,7 @@ _CASES: dict[int, tuple[Wind, Centres]] = {
 
 
 def _tracers(centres: Centres) -> dict[str, Scalar]:
-    """Return the mixing ratios of Lauritzen et al. (2012), section 3, about two centres."""
+    """Return the initial mixing ratios, as functions by name (Lauritzen et al. 2012, section 3)."""
 
     def gaussian_hills(lon: Array, lat: Array) -> Array:
         offsets = [position(lon, lat) - position(*centre) for centre in centres]
@@ -172,5 +171,5 @@ def _tracers(centres: Centres) -> dict[str, Scalar]:
 
 
 def _unless_away(t: float) -> float:
-    """Return zero after whole periods, when all air is back at its origin, and NaN in between."""
+    """Return 0 at multiples of the period, when all air is back at its origin, otherwise NaN."""
     return 0.0 if abs(t / PERIOD - round(t / PERIOD)) < 1e-9 else np.nan

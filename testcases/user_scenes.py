@@ -1,4 +1,4 @@
-"""Scenes by name, and in files of the user.
+"""Scenes by name, and user-defined scenes in files.
 
 Scene files are Python files that define `scene(**parameters) -> Scene`, and TOML files, each of
 which changes another scene:
@@ -13,8 +13,8 @@ days = 5
 alpha = 0.5
 
 [effects]
-viscosity = { nu = 1e5 }                # on, or its parameters changed
-rotation = false                        # off; then the exact solution no longer holds
+viscosity = { nu = 1e5 }                # switched on, or its parameters changed
+rotation = false                        # switched off; the exact solution is dropped
 
 The keyword parameters of a factory (a function that returns a scene) are the parameters of its
 scene. Their annotations state the permitted values, as `swe_sphere.settings.values.convert` reads
@@ -64,9 +64,9 @@ def is_scene_file(name: str) -> bool:
 
 
 def scene_files(name: str) -> list[Path]:
-    """Return the file of a scene that can be loaded, then its base's, and so on.
+    """Return the file of a loadable scene, the file of its base, and so on to the last file.
 
-    Scenes by name have no files. Raises OSError if one of the files no longer exists.
+    The list is empty for a key of `SCENES`. Raises OSError if a file no longer exists.
     """
     path = Path(name)
     if not is_scene_file(name):
@@ -78,14 +78,14 @@ def scene_files(name: str) -> list[Path]:
 
 
 def get_scene(name: str, **parameters: Parameter) -> Scene:
-    """Return the scene with that name, or of the file at that path, with the given parameters.
+    """Return the scene of a name or of a file, with the given parameters.
 
     Args:
         name: a key of `SCENES`, the path of a .py file that defines `scene(**parameters)`, or
-            that of a .toml file (see `swe_sphere.testcases.user_scenes`).
+            the path of a .toml file (see `swe_sphere.testcases.user_scenes`).
         parameters: numbers, booleans and words, or text that can be read as such.
 
-    Raises ConfigError for an unknown name or parameter, an unreadable value, a file that fails.
+    Raises ConfigError for an unknown name or parameter, an unreadable value, or a file that fails.
     """
     if is_scene_file(name):
         return _load(Path(name), parameters)
@@ -95,7 +95,7 @@ def get_scene(name: str, **parameters: Parameter) -> Scene:
 
 
 def list_scenes() -> dict[str, str]:
-    """Return a line about each scene, by name.
+    """Return the one-line summary of each scene, by name.
 
     Examples:
         >>> import swe_sphere
@@ -106,7 +106,7 @@ def list_scenes() -> dict[str, str]:
 
 
 def _load(path: Path, parameters: Mapping[str, Parameter], depth: int = 0) -> Scene:
-    """Return the scene of a file; `parameters` override those of the file.
+    """Return the scene of a file; `parameters` override those of the file; depth: bases so far.
 
     Raises ConfigError if the file is missing, fails, is not TOML, or does not fit the scene.
     """
@@ -156,13 +156,13 @@ SceneFactory = Callable[..., Scene]
 
 
 def checked(name: str, factory: SceneFactory, given: Mapping[str, Parameter]) -> dict[str, Any]:
-    """Return the parameters converted to the types in the factory's annotations.
+    """Return the given parameters converted to the types in the factory's annotations.
 
-    Raises ConfigError for an unknown parameter and for a value that cannot be read.
+    name: the scene, for messages. Raises ConfigError for an unknown parameter or unreadable value.
     """
     known = inspect.signature(factory, eval_str=True).parameters
     if any(p.kind is inspect.Parameter.VAR_KEYWORD for p in known.values()):
-        return dict(given)  # the file takes anything and must check it itself
+        return dict(given)  # the factory accepts any parameter and must check the values itself
     for key in given:
         if key not in known:
             has = ", ".join(known) or "no parameters"
@@ -172,9 +172,9 @@ def checked(name: str, factory: SceneFactory, given: Mapping[str, Parameter]) ->
 
 
 def made(name: str, factory: SceneFactory, given: Mapping[str, Parameter]) -> Scene:
-    """Return the scene that the factory builds, with all its parameters, defaults included.
+    """Return the scene that the factory builds; `Scene.parameters` include the default values.
 
-    Raises ConfigError as `checked`, and if the factory returns anything but a scene.
+    Raises ConfigError like `checked`, and if the factory returns anything but a scene.
     """
     values = checked(name, factory, given)
     scene = factory(**values)
@@ -191,7 +191,7 @@ def made(name: str, factory: SceneFactory, given: Mapping[str, Parameter]) -> Sc
 
 
 def _factories() -> Iterator[tuple[str, SceneFactory]]:
-    """Yield by name the public functions of all modules that build a scene without arguments."""
+    """Yield name and function of each public function that builds a scene without arguments."""
     for found in pkgutil.iter_modules([str(Path(__file__).parent)], f"{__package__}."):
         module = importlib.import_module(found.name)
         for name, function in inspect.getmembers(module, inspect.isfunction):
@@ -204,4 +204,4 @@ def _factories() -> Iterator[tuple[str, SceneFactory]]:
 
 
 SCENES = dict(sorted(_factories(), key=lambda of: (not of[0].startswith("williamson"), of[0])))
-"""Factories by name, the standard set first; their keyword parameters are the scene's."""
+"""Factories by name, Williamson's first; their keyword parameters are those of the scenes."""

@@ -1,13 +1,13 @@
 """Waves on an ocean that covers the globe: tides, planetary waves, normal and equatorial modes.
 
-A layer of even depth on the rotating sphere, linearised about rest:
+The equations of a layer of depth H on the rotating sphere, linearised about rest, are
 
-    ∂v/∂t + f k×v = -g ∇(η - η_eq),  ∂η/∂t + H ∇·v = 0
+    ∂v/∂t + f k×v = -g ∇(η - η_eq),  ∂η/∂t + H ∇·v = 0.
 
-For one zonal wavenumber m and one frequency, v = ∇χ + k×∇ψ and η are sums of spherical harmonics; σ
-times their coefficients is a matrix times the coefficients. The eigenvectors of the matrix are
-Hough functions; an equilibrium tide η_eq leads to a linear system. Source: Longuet-Higgins (1968),
-Phil. Trans. R. Soc. A 262, 511-607, doi:10.1098/rsta.1968.0003, in other variables.
+For one zonal wavenumber m and one frequency σ, v = ∇χ + k×∇ψ and η are sums of spherical harmonics.
+Without η_eq, σ is an eigenvalue of a matrix that acts on their coefficients, and the eigenvectors
+are Hough functions. An equilibrium tide η_eq leads to a linear system with this matrix. Source, in
+other variables: Longuet-Higgins (1968), Phil. Trans. R. Soc. A 262, doi:10.1098/rsta.1968.0003.
 """
 
 from dataclasses import dataclass, replace
@@ -29,14 +29,14 @@ TIDES = {
     "k1": (1, 0.141565, 7.292117e-5),
     "o1": (1, 0.100661, 6.759774e-5),
 }
-"""Highs around a circle of latitude, amplitude A [m] and frequency ω [s-1] of constituents.
+"""Highs per circle of latitude, amplitude A [m] and frequency ω [s-1] by constituent.
 
-As in Arbic et al. (2004), for a rigid Earth.
+The values are those of Arbic et al. (2004) for a rigid Earth.
 """
 
 
 def _about_rest(depth: float, linear: bool, *more: Effect) -> dict[str, Any]:
-    """Return the effects of a scene and, if it is linearised about rest, its base."""
+    """Return the effects of a scene and, if it is linearised, its base at rest with a depth [m]."""
     effects = (*DYNAMICS, Rotation(), *more)
     if not linear:
         return {"effects": effects}
@@ -52,25 +52,24 @@ def tide(
 
         η_eq = A cos² θ cos(2 λ + ω t)  (m2, s2),  η_eq = A sin 2θ cos(λ + ω t)  (k1, o1)
 
-    The initial state is the periodic response, a series of spherical harmonics that is solved to
-    round-off. The m2 tide in 4 km is inverted: low water under the Moon, 0.46 m at the equator
-    where the equilibrium tide is 0.24 m high. The k1 tide, whose period is one rotation of the
-    Earth, has currents and no elevation, as Laplace found; here its elevation is 3e-5 of the
-    equilibrium's, because ω has 7 digits and Ω of these scenes 4.
+    The initial state is the periodic response, a series of spherical harmonics that is exact to
+    round-off. In 4 km of water the m2 tide is inverted: the water under the Moon is 0.46 m low at
+    the equator, where the equilibrium tide is 0.24 m high. The k1 tide, whose period is one
+    rotation of the Earth, has currents but no elevation (Laplace). Here its elevation is 3e-5 of
+    the equilibrium tide, because ω is given to 7 digits and Ω to 4.
 
     Args:
-        constituent: m2, s2 (two highs a day), k1 or o1 (one).
-        depth: depth of the water at rest [m], 1000 to 1e6, for which the series is exact to
-            round-off.
-        linear: equations linearised about rest; otherwise the full equations, which differ by
-            about elevation over depth.
+        constituent: m2 or s2 (two highs a day), k1 or o1 (one high a day).
+        depth: depth of the water at rest [m], 1000 to 1e6.
+        linear: use the equations linearised about rest. In the full equations the tide is not
+            exact; its relative error is about elevation over depth.
 
     Raises ConfigError for a depth out of range.
     """
     if not 1e3 <= depth <= 1e6:
         raise ConfigError(f"tide: depth must be 1000 m to 1e6 m, got {depth}")
     cycles, amplitude, frequency = TIDES[constituent]
-    # of the normalised harmonics of degrees m, m + 1, …: all in degree two
+    # coefficients of the normalised harmonics of degrees m, m + 1, …: only degree two contributes
     equilibrium = np.array([0.0, amplitude / np.sqrt(15.0 / 8.0)])[cycles - 1 :]
     response = TidalEquations(cycles, depth, EARTH).forced(-frequency, equilibrium)
 
@@ -96,10 +95,10 @@ def tide(
 
 @dataclass(frozen=True, eq=False)
 class HoughWave:
-    """The flow Re (ψ, i X, η) exp(i (m λ - σ t)) over a depth at rest H.
+    """A wave (ψ, χ, η) of frequency σ over a layer of depth H at rest.
 
-    frequency: σ [s-1], negative for waves that go west.  coefficients (3, L+1, L+1): of ψ, χ
-    [m2 s-1] and η [m] at t = 0, as in `swe_sphere.testcases.harmonics`.
+    frequency: σ [s-1], negative for westward waves. coefficients (3, L+1, L+1): those of ψ, χ
+    [m2 s-1] and η [m] at t = 0, as in `swe_sphere.testcases.harmonics`. depth: H [m].
     """
 
     frequency: float
@@ -108,7 +107,7 @@ class HoughWave:
     planet: Planet
 
     def state(self, lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        """Return eastward wind, northward wind [m s-1] and depth [m]."""
+        """Return eastward wind, northward wind [m s-1] and depth [m] at points [rad] and t [s]."""
         now = self.coefficients * np.exp(-1j * self.frequency * t)
         value, east, north = synthesis(now, lon, lat)
         u, v = east[1] - north[0], north[1] + east[0]
@@ -117,18 +116,18 @@ class HoughWave:
 
 @dataclass(frozen=True)
 class TidalEquations:
-    """The equations for zonal wavenumber m ≥ 1 over a depth at rest [m]."""
+    """The equations of this module for zonal wavenumber m ≥ 1 and depth H [m]; χ is i X, X real."""
 
     m: int
     depth: float
     planet: Planet
     degrees: int = 32
-    """Number of harmonics of each field; the last is below round-off for depths of kilometres."""
+    """Number of harmonics of each field; for depths of kilometres the last is below round-off."""
 
     def forced(self, frequency: float, equilibrium: Array) -> HoughWave:
-        """Return the flow that follows an equilibrium tide of that frequency [s-1].
+        """Return the periodic response to an equilibrium tide of frequency σ [s-1].
 
-        equilibrium: coefficients [m] of degrees m, m + 1, ….
+        equilibrium: coefficients [m] of η_eq for the degrees m, m + 1, ….
         """
         force = np.zeros((3, self.degrees))
         force[1, : len(equilibrium)] = self.planet.gravity * equilibrium
@@ -137,9 +136,9 @@ class TidalEquations:
         return self._wave(frequency, np.asarray(solution, dtype=np.float64))
 
     def free(self, n: int) -> HoughWave:
-        """Return the planetary (Rossby) wave whose wind is mostly rotation of degree n, unscaled.
+        """Return the planetary (Rossby) wave whose wind is mostly rotational and of degree n.
 
-        Its frequency is close to -2 Ω m / (n (n + 1)).
+        Its frequency is close to -2 Ω m / (n (n + 1)); its amplitude is arbitrary.
         """
         values, vectors = np.linalg.eig(self._matrix)
         parts = vectors.real.reshape(3, self.degrees, -1)
@@ -148,10 +147,10 @@ class TidalEquations:
         return self._wave(float(values[wave].real), vectors.real[:, wave])
 
     def mode(self, place: int) -> HoughWave:
-        """Return the free wave at index `place` of all waves, sorted by frequency, unscaled.
+        """Return the free wave at index `place` of all waves, sorted by frequency.
 
         The first third of the waves are westward gravity waves, the second third planetary waves,
-        and the last third the Kelvin wave and eastward gravity waves.
+        and the last third the Kelvin wave and eastward gravity waves. The amplitude is arbitrary.
         """
         scale = np.repeat(np.sqrt(self._squares.T), 2, axis=0).ravel()
         thin = self.planet.radius * np.sqrt(self.planet.gravity / self.depth)
@@ -162,13 +161,13 @@ class TidalEquations:
 
     @property
     def _squares(self) -> Array:
-        """Column of n (n + 1)."""
+        """Column of n (n + 1) for the degrees n = m, m + 1, …."""
         n = self.m + np.arange(self.degrees, dtype=np.float64)
         return (n * (n + 1.0))[:, None]
 
     @property
     def _matrix(self) -> Array:
-        """Matrix of σ (ψ, X, η) without forcing; each field has the degrees m, m + 1, …."""
+        """Matrix M of free waves, σ (ψ, X, η) = M (ψ, X, η); fields have degrees m, m + 1, …."""
         n = self.m + np.arange(self.degrees)
         total, spin = self._squares[:, 0], 2.0 * self.planet.rotation
         east = np.diag(-spin * self.m / total)
@@ -191,19 +190,19 @@ class TidalEquations:
 def slow_ocean(m: int = 4, n: int = 10, speed: float = 0.1, linear: bool = False) -> Scene:
     """Planetary wave in a deep ocean, at a Froude number of 5e-4.
 
-    A Rossby wave of Laplace's tidal equations over 4 km of water: m waves around the globe, most of
-    the currents in the spherical harmonics of degree n. Gravity waves are two thousand times faster
-    than the currents and thirty times faster than the wave: waves that are absent limit explicit
-    steps.
+    The flow is a Rossby wave of Laplace's tidal equations over 4 km of water, with m waves around
+    the globe and most of the currents in the spherical harmonics of degree n. Gravity waves are
+    2000 times faster than the currents and 25 times faster than the Rossby wave at the equator.
+    They limit the steps of explicit steppers although the flow contains none.
 
-    It is exact for the equations linearised about rest. In the full equations the wave also carries
-    itself: four days at 0.1 m/s change the currents by a relative 3e-4 (l2).
+    The wave is exact for the equations linearised about rest. In the full equations, advection of
+    the wave by itself changes the currents by a relative 3e-4 (l2) in four days at 0.1 m/s.
 
     Args:
         m: number of waves around the globe, at least 1.
-        n: degree, from m to m + 12.
+        n: degree of the harmonics that contain most of the currents, from m to m + 12.
         speed: speed of the strongest current [m s-1].
-        linear: equations linearised about rest, for which the wave is exact.
+        linear: use the equations linearised about rest, for which the wave is exact.
 
     Raises ConfigError for a wave that does not exist, and for a speed that is not positive.
     """
@@ -227,7 +226,7 @@ def slow_ocean(m: int = 4, n: int = 10, speed: float = 0.1, linear: bool = False
 
 Wave = Literal["kelvin", "rossby", "eastward", "westward"]
 FUNCTIONS = 160
-"""Spherical harmonics of each field of a normal mode, exact to round-off for a layer of 1 m."""
+"""Number of harmonics of each field of a normal mode: enough for round-off at a depth of 1 m."""
 
 
 def hough(
@@ -243,16 +242,16 @@ def hough(
     Streamfunction, velocity potential and geopotential are sums of spherical harmonics of zonal
     wavenumber k. The equations linearised about rest (`TidalEquations`) then become a symmetric
     eigenvalue problem (Swarztrauber & Kasahara 1985, doi:10.1137/0906033), whose eigenvalues are
-    the frequencies. The pattern goes around the planet without changing its shape.
+    the frequencies. The pattern goes around the planet without changing its shape; the recommended
+    length of the run is one period.
 
     Args:
         wave: "kelvin", "rossby", or gravity wave "eastward" or "westward".
         k: zonal wavenumber, at least 1.
-        n: meridional mode, from 1; 1 is the fastest Rossby wave, or the slowest gravity wave.
-            There is one Kelvin wave.
+        n: meridional mode, 1 to 40; 1 is the only Kelvin, fastest Rossby or slowest gravity wave.
         depth: mean depth [m].
         amplitude: root mean square of the wind [m s-1].
-        linear: equations linearised about rest, for which the mode is exact.
+        linear: use the equations linearised about rest, for which the mode is exact.
 
     Raises ConfigError for a mode that does not exist, and for a depth that is not positive.
     """
@@ -294,11 +293,11 @@ TITLES = {
     "westward": "westward gravity", "eig": "eastward inertia-gravity",
     "wig": "westward inertia-gravity",
 }  # fmt: skip
-"""Waves in titles."""
+"""Words for the waves in the titles of scenes."""
 EquatorialWave = Literal["rossby", "eig", "wig"]
 PLANET = Planet(6371220.0, 9.80616, 7.29212e-5)
 DEPTH = 30.0
-"""Depth at rest [m]: so thin that the waves are trapped near the equator."""
+"""Depth at rest of `matsuno` [m]: so thin that the waves are trapped near the equator."""
 
 
 def matsuno(
@@ -319,12 +318,12 @@ def matsuno(
     error against them does not vanish with the mesh. Speed and shape must agree.
 
     Args:
-        wave: "rossby", or eastward or westward inertia-gravity wave, "eig" or "wig".
+        wave: "rossby", "eig" (eastward inertia-gravity) or "wig" (westward inertia-gravity).
         k: zonal wavenumber, at least 1.
-        n: mode, at least 1: nodes of v between the poles.
+        n: number of zeros of v between the poles, at least 1.
         amplitude: factor of the normalised northward wind [m s-1].
-        linear: equations linearised about rest; otherwise the full equations, for which the
-            amplitude must be tiny. Depth and wave together need float64 then.
+        linear: use the equations linearised about rest. The full equations require a tiny
+            amplitude, and float64 to resolve so small a wave in the depth.
 
     Raises ConfigError for a mode that does not exist.
     """
@@ -344,7 +343,7 @@ def matsuno(
 
 @dataclass(frozen=True)
 class EquatorialMode:
-    """One of Matsuno's waves (eqs. 2-8 of the paper)."""
+    """One of Matsuno's waves (Shamir et al. 2019, eqs. 2-8); arguments are those of `matsuno`."""
 
     wave: EquatorialWave
     k: int
@@ -353,7 +352,7 @@ class EquatorialMode:
 
     @cached_property
     def frequency(self) -> float:
-        """Frequency ω [s-1]: the eastward, westward or middle (Rossby) root."""
+        """Frequency ω [s-1]: the largest ("eig"), middle ("rossby") or smallest ("wig") root."""
         a, speed, spin = PLANET.radius, np.sqrt(PLANET.gravity * DEPTH), 2.0 * PLANET.rotation
         p = (speed * self.k / a) ** 2 + spin * (2 * self.n + 1) * speed / a
         q = spin * speed**2 * self.k / a**2
@@ -362,7 +361,7 @@ class EquatorialMode:
         return float(2.0 * np.sqrt(p / 3.0) * np.cos(angle - 2.0 * np.pi * shift / 3.0))
 
     def state(self, lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        """Return eastward wind, northward wind [m s-1] and depth [m]."""
+        """Return eastward wind, northward wind [m s-1] and depth [m] at points [rad] and t [s]."""
         a, speed, n = PLANET.radius, np.sqrt(PLANET.gravity * DEPTH), self.n
         stretch = (2.0 * PLANET.rotation * a / speed) ** 0.5  # ε^(1/4)
         below, v, above = (self.amplitude * f for f in _hermite(n, stretch * lat))

@@ -21,33 +21,33 @@ from swe_sphere.testcases.flows import (
 )
 
 TURN = 12.0 * DAY
-"""Period of one revolution of the solid-body flow around the planet [s]."""
+"""Time in which the solid-body flow goes once around the planet [s]."""
 SPEED = 2.0 * np.pi * EARTH.radius / TURN
 """Speed of the solid-body flow at its equator [m s-1]."""
 JET = ZonalJet(SPEED, -np.pi / 6.0, np.pi / 2.0, sharpness=(2.0 * np.pi / 3.0) ** 2 / 0.3)
-"""The jet of case 3, at latitudes of its own axis; 0.3 is x_e of the paper."""
+"""The jet of case 3 by the latitude relative to its axis; 0.3 is x_e of the paper."""
 
 DEPTH = 1e5
-"""g h0 of the paper [m2 s-2]: g h at the poles."""
+"""g h0 of case 4 [m2 s-2]: g h at the poles."""
 CENTRE = np.pi / 4.0
-"""Latitude of the low [rad]."""
+"""Latitude of the low of case 4 [rad]."""
 STRENGTH = -0.03 * DEPTH / (2.0 * EARTH.rotation * np.sin(CENTRE))
-"""Streamfunction at the centre of the low [m2 s-1]."""
+"""Streamfunction ψ0 at the centre of the low of case 4 [m2 s-1]."""
 SHARPNESS = (2.0 * EARTH.radius / 1e6) ** 2
-"""The constant σ of the paper."""
+"""The constant σ of case 4."""
 
 
 def williamson1(alpha: float = 0.0, gaussian: bool = False) -> Scene:
     """Advection of a bell once around the planet (exact).
 
-    Case 1. The wind is solid-body rotation about an axis tilted by α; the bell only moves:
+    Case 1. The wind is a solid-body rotation about an axis tilted by α; it moves the bell
 
-        h = 500 m (1 + cos(π r / R)) for r < R = a/3, r the distance from the bell's centre.
+        h = 500 m (1 + cos(π r / R)) for r < R = a/3, r the distance from the centre of the bell.
 
     Args:
-        alpha: tilt of the axis [rad]; 0, 0.05, π/2 - 0.05, π/2, and π/4 over the cube's corners.
-        gaussian: the smooth bell 1000 m exp(-5 |n - n0|²) (TrixiAtmo) for tests of order; the
-            cosine bell has only one continuous derivative.
+        alpha: tilt [rad]: 0, 0.05, π/2 - 0.05, π/2 in the paper; π/4 crosses the cube's corners.
+        gaussian: use the smooth bell 1000 m exp(-5 |n - n0|²) of TrixiAtmo, with unit vectors n and
+            n0 (centre), to test orders; the cosine bell has only one continuous derivative.
     """
     bell = _gaussian_bell if gaussian else _cosine_bell
     wind = _solid_body_wind(alpha)
@@ -69,7 +69,7 @@ def williamson2(alpha: float = 0.0) -> Scene:
         g h = g h0 - (a Ω u0 + u0²/2) sin² θ',  f = 2 Ω sin θ',  g h0 = 2.94e4 m² s⁻²
 
     Args:
-        alpha: tilt of the axis of flow and of rotation [rad]; 0, 0.05, π/4, π/2 - 0.05, π/2.
+        alpha: tilt of the axes of flow and rotation [rad]; 0, 0.05, π/2 - 0.05, π/2 in the paper.
     """
     wind = _solid_body_wind(alpha)
     fall = (EARTH.radius * EARTH.rotation * SPEED + 0.5 * SPEED**2) / EARTH.gravity
@@ -89,8 +89,8 @@ def williamson3(alpha: float = 0.0) -> Scene:
 
         u' = u0 b(x) b(0.3 - x) exp(4/0.3),  g h = g h0 - ∫ (2 Ω a sin θ' + u' tan θ') u' dθ'
 
-    The largest wind, u0 = 2 π a / 12 days, is at θ' = π/6. Infinitely smooth, but not analytic at
-    the rims of the jet: spectral convergence sets in late.
+    The largest wind, u0 = 2 π a / 12 days, is at θ' = π/6. The jet is infinitely smooth but not
+    analytic at its edges; spectral convergence therefore sets in only on fine meshes.
 
     Args:
         alpha: tilt of the axis of flow and of rotation [rad]; 0 and π/3 in the paper.
@@ -109,7 +109,7 @@ def williamson3(alpha: float = 0.0) -> Scene:
 
 
 def _steady(case: int, exact: UnsteadyState, alpha: float) -> Scene:
-    """Return a steady flow about an axis of rotation that is tilted by alpha [rad]."""
+    """Return the scene of a steady flow about an axis of rotation that is tilted by alpha [rad]."""
     return build_scene(
         f"williamson{case}",
         effects=(*DYNAMICS, Rotation()),
@@ -121,14 +121,14 @@ def _steady(case: int, exact: UnsteadyState, alpha: float) -> Scene:
 def williamson5(speed: float = 20.0) -> Scene:
     """Zonal flow over an isolated mountain.
 
-    Case 5: u = u0 cos θ, u0 = 20 m/s, and the surface in balance with it over a cone of 2000 m,
+    Case 5: the wind is u = u0 cos θ, and the surface over a cone of 2000 m is in balance with it:
 
         h + b = 5960 m - (a Ω u0 + u0²/2) sin² θ / g
 
-    Errors of height are those of the free surface. The impulsive initial state radiates gravity
-    waves that carry about 7e-4 (relative l2) of the height, and that time steps longer than their
-    period lose. The recommended mesh is the one on which rk4 first reaches an error of 1e-4 at day
-    15; ne8 np8 reaches 4e-5.
+    Errors of height are those of the free surface. The initial wind is not adjusted to the cone and
+    radiates gravity waves of about 7e-4 of the height (relative l2); time steps longer than the
+    period of these waves lose them. The recommended mesh is the coarsest on which rk4 reaches an
+    error of 1e-4 at day 15; ne8 np8 reaches 4e-5.
 
     Args:
         speed: u0 [m s-1], 20 in the paper; gravity waves move at 240 m/s.
@@ -152,16 +152,16 @@ def williamson5(speed: float = 20.0) -> Scene:
 def williamson6(perturbation: float = 0.0, omega: float = 7.848e-6, depth: float = 8000.0) -> Scene:
     """Rossby-Haurwitz wave of zonal wavenumber 4.
 
-    Case 6. The wave moves eastward by about 12 degrees a day (exactly so only without divergence)
-    and keeps its shape until truncation errors or the physical instability break it.
+    Case 6. The wave moves eastward by about 12 degrees a day and keeps its shape until truncation
+    errors or the physical instability break it.
 
     Args:
-        perturbation: size δ [m] of a documented disturbance of the depth, for a breakdown that
-            does not depend on round-off and mesh: h + δ/3 Σ cos^m θ cos(m λ + m), m = 1, 2, 3; a
-            metre breaks the wave at about day 21 (the instability is that of Thuburn & Li 2000).
-        omega: strength ω = K of the flow [s-1]; the largest wind is proportional to it.
-        depth: h0 [m], the depth at the poles. The wave becomes nondivergent as it grows, and its
-            speed approaches (28 ω - 2 Ω) / 30, which is 12.195 degrees a day.
+        perturbation: size δ [m] of a disturbance δ/3 Σ cos^m θ cos(m λ + m), m = 1, 2, 3, of the
+            depth, which makes the breakdown independent of round-off and mesh. With 1 m the wave
+            breaks at about day 21 (the instability is that of Thuburn & Li 2000).
+        omega: strength ω = K of the flow [s-1]; the largest wind is proportional to ω.
+        depth: h0 [m], the depth at the poles. With growing depth the flow becomes nondivergent,
+            and the wave speed approaches (28 ω - 2 Ω) / 30, which is 12.195 degrees a day.
     """
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
@@ -180,7 +180,7 @@ def _rossby_haurwitz(lon: Array, lat: Array, k: float, depth: float) -> tuple[Ar
     c, s = np.cos(lat), np.sin(lat)
     u = a * k * (c + c ** (r - 1) * (r * s**2 - c**2) * np.cos(r * lon))
     v = -a * k * r * c ** (r - 1) * s * np.sin(r * lon)
-    # the paper's c⁻² is multiplied in: nothing is infinite at the poles
+    # the factor c⁻² of the paper is cancelled, so that all terms are finite at the poles
     zonal = 0.5 * k * (2.0 * omega + k) * c**2 + 0.25 * k**2 * c ** (2 * r - 2) * (
         (r + 1) * c**4 + (2 * r**2 - r - 2) * c**2 - 2 * r**2
     )
@@ -192,7 +192,7 @@ def _rossby_haurwitz(lon: Array, lat: Array, k: float, depth: float) -> tuple[Ar
 
 
 def _solid_body_wind(alpha: float) -> Wind:
-    """Return solid-body rotation once in 12 days about the axis tilted by alpha [rad]."""
+    """Return the wind of a solid-body rotation in 12 days about the axis tilted by alpha [rad]."""
 
     def wind(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
         east, north = solid_body(lon, lat, alpha)
@@ -216,13 +216,13 @@ def _gaussian_bell(point: Array, centre: Array) -> Array:
 def williamson4(u0: float = 20.0) -> Scene:
     """Low carried along in a jet by a forcing (exact).
 
-    Case 4. A wind ū = u0 sin¹⁴ 2θ in balance with its depth h̄, and a low in it,
+    Case 4. A low ψ moves in a jet ū = u0 sin¹⁴ 2θ that is in balance with the depth h̄:
 
         ψ = ψ0 exp(-σ (1 - C)/(1 + C)),  C the cosine of the distance from its centre,
         u = ū - ∂ψ/∂θ / a,  v = ∂ψ/∂λ / (a cos θ),  h = h̄ + f ψ / g
 
-    whose centre moves along 45°N at the angular speed u0 / a. This solves the equations with a
-    forcing of wind and depth, evaluated at the times of the stepper's stages.
+    with ψ0 = `STRENGTH` and σ = `SHARPNESS`. Its centre moves along 45°N at the angular speed u0 /
+    a. A forcing of wind and depth, evaluated at each stage of a step, makes this flow exact.
 
     Args:
         u0: speed of the jets at 45°N and 45°S [m s-1]; 20 and 40 in the paper.
@@ -242,10 +242,10 @@ def williamson4(u0: float = 20.0) -> Scene:
         return jet(lat) + -once * c_lat / a, -once * side / a, depth / EARTH.gravity
 
     def forcing(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        """Return the residual of the equations for the exact flow.
+        """Return the residual of the equations for the exact flow [m s-2, m s-2, m s-1].
 
-        It is zero, and not computed, far from the low. With its derivatives written out, there is
-        no division by the cosine of the latitude.
+        The residual is zero, and not computed, far from the low. Derivatives are written out to
+        avoid a division by the cosine of the latitude.
         """
         lon = lon - u0 * t / a
         there = _low(lon, lat)[0] > 0.4  # further off ψ is below 1e-30 of its central value
@@ -279,9 +279,9 @@ def williamson4(u0: float = 20.0) -> Scene:
 
 
 def _low(lon: Array, lat: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Return C, ∂C/∂θ, -∂C/∂λ / cos θ, ψ, dψ/dC and d²ψ/dC² of the low.
+    """Return C, ∂C/∂θ, -∂C/∂λ / cos θ, ψ, dψ/dC and d²ψ/dC² of the low of case 4.
 
-    Longitudes are counted from that of the centre of the low.
+    lon: longitude minus that of the centre of the low [rad].
     """
     sin, cos = np.sin(lat), np.cos(lat)
     around, side = np.cos(CENTRE) * np.cos(lon), np.cos(CENTRE) * np.sin(lon)
@@ -301,8 +301,8 @@ def mcdonald_bates() -> Scene:
         g h = g h0 + 2 Ω a v0 sin³ θ cos θ sin λ,  g h0 = 5.768e4 m² s⁻²
         u = -v0 sin λ sin θ (4 cos² θ - 1),  v = v0 cos λ sin² θ
 
-    There is no exact solution. The flow keeps the symmetry λ → λ + π, θ → -θ with v → -v
-    (reflection at the planet's centre), which the cubed sphere shares.
+    No exact solution is known. The flow keeps the symmetry λ → λ + π, θ → -θ with v → -v
+    (reflection at the planet's centre), which is also a symmetry of the cubed sphere.
     """
     speed = 20.0
 

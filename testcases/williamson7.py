@@ -1,18 +1,18 @@
-"""Case 7 of Williamson et al. (1992): from an analysed state of the atmosphere at 500 hPa.
+"""Case 7 of Williamson et al. (1992): a run from an analysed state of the atmosphere at 500 hPa.
 
 The three analyses of the paper (21 December 1978, 9 and 16 January 1979) are no longer public. The
-scene reads any analysis; without a file it starts from a synthetic state and marks it as such.
+scene reads any analysis. Without a file it builds a state whose title begins with SYNTHETIC.
 
-The netCDF file of an analysis has
+The netCDF file of an analysis must contain
 
-* one-dimensional variables `lat` or `latitude` and `lon` or `longitude` [degrees]: latitudes in
-  order, up to the poles within a grid spacing; longitudes equally spaced eastward, an even number
-  of them, once around without repeating the first;
+* one-dimensional variables `lat` or `latitude` and `lon` or `longitude` [degrees] of at least 8
+  values: latitudes in order, up to 1.5 grid spacings from the poles; an even number of longitudes,
+  equally spaced eastward, once around without repeating the first;
 * eastward wind `u`, northward wind `v`, with units of m s-1, and `z`, geopotential height with
   units of m or geopotential with units of m2 s-2, under the names of ERA5, of NCEP (`uwnd`, `vwnd`,
   `hgt`) or of CMIP (`ua`, `va`, `zg`).
 
-These three variables have the dimensions (lat, lon) and no missing values. The scene reads the
+The variables u, v and z have the dimensions (lat, lon) and no missing values. The scene reads the
 level of 500 hPa of a pressure dimension; other dimensions must have length 1.
 """
 
@@ -39,7 +39,7 @@ from swe_sphere.testcases.harmonics import (
 
 PAPER = "Williamson et al. (1992), J. Comput. Phys. 102, 211-224, doi:10.1016/S0021-9991(05)80016-6"
 DEPTH = 1e4
-"""Mean depth [m] that replaces the analysis's, as in the paper."""
+"""Mean depth [m] that replaces the mean of the analysis, as in the paper."""
 DEGREE = 42
 """Highest degree of the synthetic state, as in the paper's analyses."""
 KNOWN = read_toml(Path(__file__).with_name("analyses.toml"))
@@ -49,9 +49,9 @@ KNOWN = read_toml(Path(__file__).with_name("analyses.toml"))
 def williamson7(
     file: Path | None = None, degree: int = 0, balanced: bool = False, seed: int = 1
 ) -> Scene:
-    """Flow at 500 hPa from a file; without one SYNTHETIC.
+    """Flow at 500 hPa from a file, or a SYNTHETIC flow without a file.
 
-    Case 7, five days from an analysis. The mean of the height is replaced by 10 km.
+    Case 7 is a run of five days from an analysis. A mean of 10 km replaces the mean height.
 
     Without a file the state is synthetic: jets of 20 m/s in both hemispheres, u ~ cos³ θ sin² θ,
     and random eddies of 12 m/s (root mean square) whose kinetic energy at degree n of the spherical
@@ -61,12 +61,12 @@ def williamson7(
     Args:
         file: netCDF file with u, v [m s-1] and z [m, or m2 s-2] on a latitude-longitude grid; see
             `swe_sphere.testcases.williamson7` for its contents.
-        degree: highest degree of the spherical harmonics kept in the file's fields; 0 keeps all.
-        balanced: the file's wind without its divergent part, up to degree (42), and the height of
-            the nonlinear balance equation instead of the file's.
+        degree: highest degree of the spherical harmonics kept in the file's fields; 0 keeps all, or
+            42 with `balanced`.
+        balanced: keep only the rotational wind, with the height of the nonlinear balance equation.
         seed: seed of the random phases of the synthetic state.
 
-    Raises ConfigError for a file without the required contents.
+    Raises ConfigError for a file without the required contents, and a degree or seed out of range.
     """
     if file is None:
         if seed < 0:
@@ -88,7 +88,7 @@ def williamson7(
 
 
 def _streamfunction(seed: int) -> Complex:
-    """Return the coefficients [m2 s-1] of jets and random eddies."""
+    """Return the streamfunction of jets and random eddies, as coefficients [m2 s-1]."""
 
     def spectrum(n: Array) -> Array:
         ratio = n / 6.0
@@ -104,7 +104,7 @@ def _streamfunction(seed: int) -> Complex:
 
 
 def _analysed(file: Path, degree: int, balanced: bool) -> State:
-    """Return the state of a file, by bicubic splines, with a mean depth of 10 km."""
+    """Return the state of a file, interpolated by bicubic splines, with a mean depth of 10 km."""
     if not 0 <= degree <= 1000:
         raise ConfigError(f"williamson7: degree must be from 0 to 1000, got {degree}")
     lat, lon, *fields = _read_analysis(file)
@@ -135,17 +135,17 @@ def _analysed(file: Path, degree: int, balanced: bool) -> State:
 
 
 def _filtered(state: State, latitudes: int, degree: int, balanced: bool) -> State:
-    """Return the state without spherical harmonics above the degree; the mean height is kept.
+    """Return the state without spherical harmonics above `degree`; the mean height is kept.
 
-    balanced: drops the divergent wind and replaces the height by one that gives the divergence no
-    initial tendency (`BalancedFlow`), so that almost no gravity waves remain.
+    latitudes: number of latitudes of the file. balanced: drop the divergent wind, and replace the
+    height by that of `BalancedFlow`, so that almost no gravity waves remain.
     """
     grid = GaussGrid(max(degree, latitudes))
     u, v, z = state(*grid.points)
     wanted = slice(degree + 1), slice(degree + 1)
 
     def potential(east: Array, north: Array) -> Complex:
-        """Return the potential whose gradient is nearest to the field."""
+        """Return the potential [m2 s-1] whose gradient is nearest to a field [m s-1]."""
         return -EARTH.radius * inverse_laplacian(grid.against_gradients(east, north)[wanted])
 
     streamfunction, height = potential(v, -u), grid.coefficients(z)[wanted]
@@ -162,9 +162,9 @@ def _filtered(state: State, latitudes: int, degree: int, balanced: bool) -> Stat
 
 
 def _read_analysis(path: Path) -> list[Array]:
-    """Return latitudes from south to north and longitudes [rad], and u, v [m s-1] and z [m] there.
+    """Return latitudes from south to north, longitudes [rad], u, v [m s-1] and z [m] of a file.
 
-    Raises ConfigError if the file is missing, damaged, not netCDF, or not as described above.
+    Raises ConfigError if the file is missing, damaged, or not as described in the module.
     """
     import netCDF4
 
@@ -191,7 +191,7 @@ def _variable(dataset: Any, ours: str) -> Any:
 
 
 def _axis(dataset: Any, ours: str) -> tuple[Any, Array]:
-    """Return the variable of latitudes or longitudes, and its values [degrees]."""
+    """Return the variable of latitudes ("lat") or longitudes ("lon"), and its values [degrees]."""
     variable = _variable(dataset, ours)
     if variable.ndim != 1 or variable.size < 8:
         raise ConfigError(f"{variable.name} must have one dimension and at least 8 values")
@@ -222,7 +222,7 @@ def _check_grid(lat: tuple[Any, Array], lon: tuple[Any, Array]) -> None:
 
 
 def _field(dataset: Any, ours: str, dims: list[str]) -> Array:
-    """Return a field (latitudes, longitudes) in m s-1 or m."""
+    """Return "u", "v" [m s-1] or "z" [m] as (latitudes, longitudes), named `dims` in the file."""
     variable = _variable(dataset, ours)
     units = str(getattr(variable, "units", "")).strip()
     known = dict.fromkeys(KNOWN["units"][ours], 1.0)
@@ -237,22 +237,22 @@ def _field(dataset: Any, ours: str, dims: list[str]) -> Array:
     if sorted(kept) != sorted(dims):
         shape = ", ".join(f"{d}={n}" for d, n in sizes.items())
         raise ConfigError(
-            f"{variable.name} must be on ({', '.join(dims)}), got ({shape}): take one level and"
-            " time"
+            f"{variable.name} must be on ({', '.join(dims)}), got ({shape}): select one"
+            " level and one time"
         )
     values = _numbers(variable, tuple(levels.get(d, slice(None)) for d in sizes)).squeeze()
     return known[units] * (values if kept == dims else values.T)
 
 
 def _level(dataset: Any, axis: str) -> int | slice:
-    """Return the index of 500 hPa on an axis of pressures, and all of any other axis."""
+    """Return the index of 500 hPa on an axis of pressures, or a slice of all of any other axis."""
     variable = dataset.variables.get(axis)
     factor = KNOWN["pressure"].get(getattr(variable, "units", ""))
     if factor is None or variable.shape == (1,):
         return slice(None)
     found = np.flatnonzero(np.isclose(variable[:] * factor, 5e4))
     if found.size != 1:
-        raise ConfigError(f"{axis} does not hold the level of 500 hPa")
+        raise ConfigError(f"{axis} lacks the level of 500 hPa")
     return int(found[0])
 
 

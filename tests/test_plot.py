@@ -328,7 +328,7 @@ def globe(run, **look):
     ({"region": (10.0, 10.0, 0.0, 20.0)}, "a region is west,east,south,north"),
     ({"region": (0.0, 20.0, 30.0, 20.0)}, "a region is west,east,south,north"),
     ({"projection": "orthographic", "centre": (0.0, 95.0)}, "latitude of the centre must be -90"),
-    ({"projection": "orthographic", "region": (0.0, 1.0, 0.0, 1.0)}, "takes a centre and no"),
+    ({"projection": "orthographic", "region": (0.0, 1.0, 0.0, 1.0)}, "accepts a centre but no"),
     ({"projection": "north-polar", "region": (-180.0, 180.0, -90.0, 90.0)}, "60 degrees beyond"),
     ({"limits": (2.0, 1.0)}, "low < high"), ({"levels": 0}, "greater than or equal to 1, got 0"),
     ({"winds": "barbs"}, "winds: must be 'arrows' or 'streamlines', got 'barbs'"),

@@ -285,7 +285,7 @@ def test_names_of_ncep_and_one_of_several_levels(tmp_path: Path) -> None:
     plain = get_scene("williamson7", file=analysis(tmp_path / "a.nc")).initial(lon, lat)
     other = get_scene("williamson7", file=analysis(tmp_path / "b.nc", change)).initial(lon, lat)
     np.testing.assert_array_equal(plain, other)
-    with pytest.raises(ConfigError, match="level does not hold the level of 500 hPa"):
+    with pytest.raises(ConfigError, match="level lacks the level of 500 hPa"):
         get_scene("williamson7", file=analysis(tmp_path / "c.nc", other_levels))
 
 

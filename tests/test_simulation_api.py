@@ -220,7 +220,7 @@ def test_a_film_of_the_last_run_is_shown_by_notebooks():
     film = sim.animate("speed")
     shown = film._repr_html_()
     assert shown.count("data:image/png;base64,") == 2 and "<input" in shown
-    with pytest.raises(ConfigError, match="less than two frames"):
+    with pytest.raises(ConfigError, match="fewer than two frames"):
         sim.to_xarray().swe.animate()
 
 

@@ -1,7 +1,7 @@
 """The xarray accessor `ds.swe`: quantities and pictures derived from the fields of a run.
 
-Datasets from `swe_sphere.open_run` and `Simulation.to_xarray` have it, and all others once this
-module is imported.
+Datasets from `swe_sphere.open_run` and `Simulation.to_xarray` have the accessor; importing this
+module adds it to all other datasets.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ SPECTRA = {
 def open_run(path: str | os.PathLike[str], chunks: Mapping[str, int] | None = None) -> xr.Dataset:
     """Return the file of a run as an xarray dataset: fields on (time, node), diagnostic series.
 
-    Times are seconds since the start; the entries of the run's summary are among the attributes.
-    `ds.swe` derives other grids, spectra, streamfunctions, errors and pictures: see
-    `swe_sphere.analysis.accessor`.
+    Times are seconds since the start; attributes include the entries of the summary of the run.
+    `ds.swe` (`swe_sphere.analysis.accessor`) derives spectra, errors, pictures and more.
 
     Args:
-        chunks: None: all data are read at once. {"time": 1}: frames are read when they are needed,
-            by dask, which must be installed.
+        path: netCDF file or Zarr store of a run.
+        chunks: None reads all data at once. {"time": 1} reads frames when they are needed, with
+            dask, which must be installed.
 
     Examples:
         >>> from swe_sphere import Simulation, open_run
@@ -84,10 +84,10 @@ class Analysis:
     """Analysis of the fields (time, node) of a run, or of one of its frames (node).
 
     Fields on other grids, potential vorticity, streamfunction and spectra are evaluated lazily,
-    frame by frame, if the dataset consists of dask arrays (`open_run(path, chunks={"time": 1})`);
-    integrals and errors at once, with one frame in memory at a time.
+    frame by frame, if the dataset consists of dask arrays (`open_run(path, chunks={"time": 1})`).
+    Integrals and errors are evaluated at once, with one frame in memory at a time.
 
-    Every method raises ConfigError if the dataset is not of a run, or lacks a field.
+    Every method raises ConfigError if the dataset is not that of a run or lacks a field.
 
     Examples:
         >>> from swe_sphere import Simulation
@@ -105,7 +105,7 @@ class Analysis:
 
     @cached_property
     def mesh(self) -> Mesh:
-        """The mesh of the fields, rebuilt from the attributes."""
+        """The mesh of the fields, rebuilt from the attributes of the dataset."""
         values = in_python(self._data.attrs)
         if not {*MESH_ATTRIBUTES} <= values.keys() or "node" not in self._data.dims:
             raise ConfigError(
@@ -116,8 +116,8 @@ class Analysis:
     def to_latlon(self, rows: int = 181, columns: int = 360) -> xr.Dataset:
         """Return all fields on evenly spaced latitudes and longitudes: (..., lat, lon).
 
-        The values are those of the polynomials in the elements at the points. An odd number of rows
-        has a row on each pole.
+        rows, columns: numbers of latitudes and longitudes; an odd number of rows includes the
+        poles. The values are those of the polynomials in the elements.
         """
         return self.to_grid(lat_lon(rows, columns))
 
@@ -130,7 +130,7 @@ class Analysis:
         return on_grid(self._data, Interpolator(self.mesh, *grid.points), grid)
 
     def zonal_mean(self, rows: int = 181) -> xr.Dataset:
-        """Return the means of all fields along circles of latitude: (..., lat)."""
+        """Return means of all fields along circles of latitude: (..., lat), at `rows` latitudes."""
         fine = self.to_latlon(rows, 4 * truncation(self.mesh))
         means = fine.drop_vars(["lon_bnds", "cell_area"]).mean("lon", keep_attrs=True)
         for variable in means.data_vars.values():
@@ -142,12 +142,12 @@ class Analysis:
 
         The shape is (..., wavenumber). Energies are those of the rotational and of the divergent
         wind; their sums over the wavenumbers are means over the sphere. degree: the highest
-        wavenumber, by default 2 ne (np - 1), whose wave has two nodes.
+        wavenumber, by default 2 ne (np - 1), with two nodes per wavelength on the equator.
         """
         degree = truncation(self.mesh) if degree is None else convert("degree", int, degree)
         if degree < 1:
             raise ConfigError(f"degree={degree}: a spectrum goes to wavenumber 1 at least")
-        # 1.5 times as fine as the degree needs, so that aliases stay beyond it
+        # 1.5 times as fine as `degree` requires: aliases appear only beyond that degree
         at = Interpolator(self.mesh, *gaussian((3 * degree + 5) // 4).points)
 
         def transformed(u: Array, v: Array) -> Array:
@@ -179,7 +179,7 @@ class Analysis:
     def integrals(self) -> xr.Dataset:
         """Return mass, energy, potential enstrophy, extremes, ... at every time: (time,).
 
-        Names are those of the series in the run's file; see `swe_sphere.io.integrals`.
+        Names and units are those of the series in the file of a run; see `swe_sphere.io.integrals`.
         """
         told = self._data.attrs.get("planet", {})
         planet = Planet(**(json.loads(told) if isinstance(told, str) else told))
@@ -195,11 +195,11 @@ class Analysis:
     def error_norms(self, other: xr.Dataset, fields: Iterable[str] = ("h", "wind")) -> xr.Dataset:
         """Return l1, l2 and linf of this run against `other`, the reference, at all common times.
 
-        Norms are those of Williamson et al. (1992), at the nodes and with the weights of the other
-        run, whose mesh may be any. Names are l1_h, l2_h, ..., linf_wind; fields: also "surface",
-        "vorticity", tracers, ....
+        Norms are those of Williamson et al. (1992), at the nodes and with the weights of `other`;
+        the meshes may differ. fields: "h", "wind", "surface", "vorticity", tracers, .... Results
+        are named l1_h, l2_h, ..., linf_wind.
 
-        Raises ConfigError if the runs have no time in common, or if a dataset is not of a run.
+        Raises ConfigError if the runs have no time in common, or a dataset is not that of a run.
         """
         if not isinstance(other, xr.Dataset):
             raise ConfigError(f"error_norms needs a dataset from open_run, got {other!r}")
@@ -233,8 +233,8 @@ class Analysis:
     ) -> GeoAxes:
         """Draw a field on the globe; return the map, which is axes of cartopy.
 
-        time [days since the start]: the frame, None for the last.  ax: axes of cartopy to draw
-        into, which keep their title; None: those of a new figure.  look: projection="robinson",
+        time: the frame [days since the start]; None for the last. ax: axes of cartopy to draw into,
+        which keep their title; None for a new figure. look: options projection="robinson",
         winds="arrows", mesh=True, ...; see `swe_sphere.pictures.look.Look`.
 
         Raises ConfigError if there is no frame at that time.
@@ -248,9 +248,9 @@ class Analysis:
     def animate(self, field: str | None = None, rate: float = 8.0, **look: Any) -> Film:
         """Return all frames as a film of matplotlib, which a notebook shows.
 
-        rate: frames a second.  look: as of `plot`.  `film.save("jet.gif")` writes a file.
+        rate: frames per second. look: options as for `plot`. `film.save("jet.gif")` writes a file.
 
-        Raises ConfigError if there are less than two frames.
+        Raises ConfigError if there are fewer than two frames.
         """
         from swe_sphere.pictures.look import Look
         from swe_sphere.pictures.plot import Film, default_field
@@ -264,7 +264,7 @@ class Analysis:
         return Frames(self._data, self.mesh)
 
     def _series(self, values: dict[str, Any], which: list[int] | None = None) -> xr.Dataset:
-        """Numbers at the times of the frames, or at some of them."""
+        """Return values by name at the times of all frames, or of those with indices `which`."""
         times = self.frames.times[slice(None) if which is None else which]
         about = {"long_name": "time since the start", "units": "s"}
         return xr.Dataset(values, {"time": ("time", times, about)})
@@ -279,7 +279,7 @@ class Frames(Nodal):
         self._data, self.mesh = data, mesh
         self.attributes = {str(name): value for name, value in data.attrs.items()}
         self.about = {str(name): field.attrs for name, field in data.data_vars.items()}
-        self.times = np.zeros(1)  # where there is no such dimension
+        self.times = np.zeros(1)  # a dataset without times is one frame
         if "time" in data.coords:
             times = np.atleast_1d(data["time"].values)
             if times.size == 0:
@@ -296,7 +296,7 @@ class Frames(Nodal):
         return {"b": self.bottom, **self.fields(self.index(time))}
 
     def fields(self, k: int, names: Iterable[str] | None = None) -> dict[str, Array]:
-        """Fields (N,) of one frame, those of the names that are there."""
+        """Return the fields (N,) of frame k, by default all; names without a field are skipped."""
         data = self._data.isel(time=k) if "time" in self._data.dims else self._data
         if others := set(data["h"].dims if "h" in data else ()) - {"node"}:
             raise ConfigError(f"choose one of {', '.join(map(str, others))} (isel) first")
@@ -308,15 +308,15 @@ class Frames(Nodal):
 
 
 def truncation(mesh: Mesh) -> int:
-    """Spherical wavenumber whose wave has two nodes along the equator of an even mesh."""
+    """Spherical wavenumber with two nodes per wavelength on the equator of a uniform mesh."""
     return 2 * mesh.ne * (mesh.np - 1)
 
 
 def spectra(u: Array, v: Array, degree: int, radius: float) -> Array:
     """Return rotational and divergent kinetic energy [m2 s-2] and enstrophy [s-2], (3, degree + 1).
 
-    u, v: wind [m s-1] on a Gaussian grid. Values are means over the sphere: the sum of the first
-    two over all wavenumbers n is the mean of (u² + v²) / 2, that of the third the mean of ζ² / 2.
+    u, v: wind [m s-1] on a Gaussian grid. Values are means over the sphere: both energies, summed
+    over all wavenumbers n, are the mean of (u² + v²) / 2; the enstrophy sums to the mean of ζ² / 2.
     With the coefficients of vorticity and divergence the energy is a² / (4 n (n + 1)) Σ_m (|ζ_nm|²
     + |δ_nm|²) (Lambert, 1984, Atmosphere-Ocean 22, eq. 6).
     """
@@ -333,10 +333,10 @@ def spectra(u: Array, v: Array, degree: int, radius: float) -> Array:
 def poisson(mesh: Mesh) -> Callable[[Array, Array], Array]:
     """Return the function that finds ψ with k × ∇ψ nearest to a wind, in the mean square.
 
-    The function solves the weak form of ∇²ψ = ζ, ∫ ∇φ·∇ψ = -∫ φ ζ for every continuous φ of the
-    elements. The matrix is factored once.
+    The function solves the weak form of ∇²ψ = ζ: ∫ ∇φ·∇ψ = -∫ φ ζ for every continuous test
+    function φ on the elements. The matrix is factored once.
     """
-    # without its first node, because ψ is defined up to a constant
+    # ψ is defined up to a constant, which is set to zero at the first node
     factors = splu(
         sparse.csc_array(stiffness(mesh, np.ones(mesh.size)))[1:, 1:], diag_pivot_thresh=0.0,
         permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True},

@@ -1,9 +1,9 @@
 """Fields of runs on global grids of latitudes and longitudes.
 
-`latlon:181x360` has 181 rows and 360 columns, both evenly spaced. An odd number of rows puts the
-first and the last on the poles, where their cells have half the height; an even number puts all in
-the middle of equal cells. `gaussian:N` has the 2N Gauss latitudes and 4N longitudes. Longitudes
-begin at 0 and go east, latitudes from south to north.
+`latlon:181x360` has 181 latitudes (rows) and 360 longitudes (columns), both evenly spaced. With an
+odd number of rows the first and the last lie on the poles, and their cells have half the height;
+with an even number all rows lie in the middle of equal cells. `gaussian:N` has 2N Gauss latitudes
+and 4N longitudes. Longitudes begin at 0 and go east, latitudes go from south to north.
 """
 
 import re
@@ -25,15 +25,15 @@ from swe_sphere.mesh import Interpolator
 from swe_sphere.settings.values import convert
 
 MOST_POINTS = 2**28
-"""Largest number of points of a grid: a field of this size takes 2 GiB."""
+"""Largest number of points of a grid: a field of this size occupies 2 GiB."""
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
     """Points at all pairs of latitudes (M,) and longitudes (K,) [rad], and the cells around them.
 
-    edges (M+1,) [rad]: latitudes of the southern and northern edges of the cells; their areas are
-    the weights that integrate over the sphere.
+    edges (M+1,) [rad]: latitudes of the southern and northern edges of the cells. The areas of the
+    cells are the weights of integrals over the sphere.
     """
 
     name: str
@@ -58,13 +58,13 @@ def parse_grid(text: str) -> Grid:
     if found := re.fullmatch(r"gaussian:(\d+)", text):
         return gaussian(int(found[1]))
     raise ConfigError(
-        f"there is no grid {shown(text)}: say latlon:ROWSxCOLUMNS (latlon:181x360) or gaussian:N"
+        f"there is no grid {shown(text)}: use latlon:ROWSxCOLUMNS (latlon:181x360) or gaussian:N"
         " (2N latitudes, 4N longitudes)"
     )
 
 
 def lat_lon(rows: int, columns: int) -> Grid:
-    """Return even latitudes and longitudes; ConfigError for less than 2 rows or 4 columns."""
+    """Return the evenly spaced grid; ConfigError for fewer than 2 latitudes or 4 longitudes."""
     rows, columns = convert("rows", int, rows), convert("columns", int, columns)
     lon = _around(name := f"latlon:{rows}x{columns}", rows, columns)
     if rows % 2:
@@ -77,7 +77,7 @@ def lat_lon(rows: int, columns: int) -> Grid:
 
 
 def gaussian(n: int) -> Grid:
-    """Return the 2n Gauss latitudes and 4n longitudes; ConfigError for n < 1.
+    """Return the grid of 2n Gauss latitudes and 4n longitudes; ConfigError for n < 1.
 
     The heights of cells follow from the Gauss weights, so that sums over them are Gauss quadrature.
     """
@@ -90,7 +90,7 @@ def gaussian(n: int) -> Grid:
 
 
 def _around(name: str, rows: int, columns: int) -> Array:
-    """Return the longitudes of a grid; ConfigError if it is too small or too large."""
+    """Return the longitudes [rad] of a grid; ConfigError if the grid is too small or too large."""
     if rows < 2 or columns < 4:
         raise ConfigError(f"the grid {name} is too small: at least 2 latitudes and 4 longitudes")
     if rows * columns > MOST_POINTS:
@@ -99,7 +99,7 @@ def _around(name: str, rows: int, columns: int) -> Array:
 
 
 def on_grid(data: xr.Dataset, at: Interpolator, grid: Grid) -> xr.Dataset:
-    """Return all fields on the nodes of a mesh at the points of a grid: (..., lat, lon)."""
+    """Interpolate all nodal fields of a dataset to the points of a grid: (..., lat, lon)."""
     on_mesh = ("mesh", "location", "coordinates", "grid_mapping", "cell_measures")
     names = [name for name in fields_of(data) if name != "area"]
     sizes = {"lat": grid.lat.size, "lon": grid.lon.size}
@@ -130,9 +130,9 @@ def holding(data: xr.Dataset, *names: Hashable) -> list[xr.DataArray]:
 
 
 def on_nodes(function: Any, sizes: dict[str, int], *arrays: xr.DataArray, results: int = 1) -> Any:
-    """Apply a function of fields (N,) on the nodes at all times; return its results as arrays.
+    """Apply a function of nodal fields (N,) at all times; return its `results` as data arrays.
 
-    sizes: the dimensions of each result, which replace the nodes.
+    sizes: the dimensions of each result, which replace the dimension "node".
     """
     return xr.apply_ufunc(
         function, *arrays, input_core_dims=[["node"]] * len(arrays), vectorize=True,
@@ -164,17 +164,17 @@ def _coordinates(grid: Grid, radius: float) -> dict[str, Any]:
 def regrid_file(
     path: Path, grid: str, out: Path, fields: Sequence[str] = (), overwrite: bool = False
 ) -> Path:
-    """Interpolate the frames of a run to a grid, one at a time: netCDF-4, compressed, or Zarr.
+    """Interpolate the frames of a run to a grid, one at a time, into compressed netCDF-4 or Zarr.
 
-    grid: latlon:ROWSxCOLUMNS or gaussian:N. out: ends in .nc, or in .zarr, which needs the package
-    zarr; the file gets its name when it is complete. fields: the requested variables, all if empty;
-    the wind is always included as a vector.
+    path: file of the run. grid: latlon:ROWSxCOLUMNS or gaussian:N. out: a name ending in .nc, or in
+    .zarr, which needs the package zarr; the file gets its name when it is complete. fields: the
+    requested variables, all if empty; u and v are always written together. overwrite: replace an
+    existing `out`.
 
-    Memory holds one frame on the mesh and on the grid, and the interpolation matrix if it is
-    smaller than 200 MB.
+    Memory contains one frame on the mesh and on the grid, and an interpolation matrix below 200 MB.
 
-    Returns out. Raises ConfigError if the file is not of a run or lacks a field, if there is no
-    such grid, or if `out` exists already or cannot be written.
+    Returns out. Raises ConfigError if the file is not that of a run or lacks a field, if there is
+    no such grid, or if `out` exists already or cannot be written.
     """
     found = RunFile(path)
     if found.times.size == 0:
@@ -209,13 +209,13 @@ def _chosen(data: xr.Dataset, fields: Sequence[str]) -> xr.Dataset:
     for name in sorted({*fields}.difference(there)):
         raise unknown_name("field", name, there)
     series = [name for name in data.data_vars if data[name].dims == (SERIES,)]
-    # east and north differ from point to point: the wind is interpolated as a vector
+    # the directions east and north vary in space: the wind is interpolated as a vector
     whole = ["u", "v"] if {"u", "v"} & set(fields) else []
     return data[[*dict.fromkeys([*(fields or there), *whole]), *series]]
 
 
 def _frames(path: Path, data: xr.Dataset, at: Interpolator, grid: Grid) -> Iterator[xr.Dataset]:
-    """Yield frame after frame of a file on the grid; the series come with the first."""
+    """Yield the frames of a file on the grid; the first also contains the diagnostic series."""
     series = data[[name for name in data.data_vars if data[name].dims == (SERIES,)]]
     data = data.drop_dims(SERIES, errors="ignore")
     changing = data[[name for name in data.data_vars if "time" in data[name].dims]]
@@ -228,7 +228,7 @@ def _frames(path: Path, data: xr.Dataset, at: Interpolator, grid: Grid) -> Itera
 
 
 def _write_netcdf(path: Path, frames: Iterator[xr.Dataset]) -> None:
-    import netCDF4  # takes its time to import
+    import netCDF4  # slow to import
 
     first = next(frames)
     compression = {"zlib": True, "complevel": 4, "shuffle": True}

@@ -32,7 +32,7 @@ class DiscreteScene(NotCopyable):
             raise ConfigError(f"precision must be float64 or float32, got {precision!r}")
         device = find_device(device, comm.local)
         if comm.shared:
-            wp.set_device(device)  # MPI uses this device as the rank's
+            wp.set_device(device)  # MPI takes the current device for that of the rank
         shape = shape or ("element" if device == "cpu" else "node")
         if shape not in ("element", "node"):
             raise ConfigError(f"launch must be element or node, got {shape!r}")
@@ -41,9 +41,9 @@ class DiscreteScene(NotCopyable):
         self.launch = Launcher(device, comm, mesh.np**2)
         self.device_mesh = DeviceMesh(mesh, device, REALS[precision], shape, comm)
         self.counters: dict[str, float] = {"rhs_evaluations": 0, "tangent_evaluations": 0}
-        """Counts of what is computed, and seconds where the name says so."""
+        """Counts by name (evaluations, set-ups, ...), and seconds for names that end in seconds."""
         self.fluid = ("h",) if scene.wind else ("u", "v", "h")
-        """Names of the blocks (N,) of wind and depth in a state; tracers come behind them."""
+        """Names of the blocks (N,) of wind and depth in a state; blocks of tracers follow them."""
         self.fluid_size = len(self.fluid) * self.device_mesh.size
         self.bottom, self.coriolis = (
             np.zeros(mesh.size) if field is None else field(mesh.lon, mesh.lat)
@@ -60,10 +60,10 @@ class DiscreteScene(NotCopyable):
         )
         self.set_time(0.0)  # a faulty function fails before anything is computed
         self.room = cache(lambda name: DiscreteScene.zeros(self, self.fluid_size))
-        """Room for a field of wind and depth that all models which share arrays use in turns."""
+        """Scratch array (fluid_size,) by name; models that share arrays use it in turns."""
 
     held: wp.array | None = None
-    """A rate of the wind (2N,) that is part of the dissipation and of no Jacobian, or None."""
+    """Fixed rate of the wind (2N,) [m s-2], part of the dissipation but of no Jacobian, or None."""
 
     def zeros(self, size: int) -> wp.array:
         """Return zeros (size,) in the number type of the run."""
@@ -71,7 +71,7 @@ class DiscreteScene(NotCopyable):
 
     @cached_property
     def edge_penalty(self) -> EdgePenaltyOperator:
-        """The penalty's operator; raises ConfigError for a fluid initially at rest and no speed."""
+        """Operator of the edge penalty; ConfigError if the fluid is at rest and no speed is set."""
         effect, mesh = self.scene.effect("edge-penalty"), self.mesh
         assert isinstance(effect, EdgePenalty)
         speed = self.strongest_wind if effect.speed is None else effect.speed
@@ -92,7 +92,7 @@ class DiscreteScene(NotCopyable):
     def growth_time(self) -> float:
         """Approximate time [s] in which computational modes grow tenfold; infinite if none grow.
 
-        The strongest wind goes around the planet in this time; slow winds need longer.
+        The strongest wind goes around the planet in this time; below Ω a / 12 growth is slower.
         """
         radius, speed = self.mesh.radius, self.strongest_wind
         damped = any(effect.dissipation for effect in self.scene.effects)
@@ -148,7 +148,7 @@ def _coefficients(scene: Scene, effect: Effect, on: DeviceMesh) -> dict[str, Any
 
 
 class PrescribedFields:
-    """Fields on the device that the host evaluates, only when the time changes."""
+    """Fields on the device that the host evaluates again only when the time changes."""
 
     def __init__(
         self, on: DeviceMesh, formula: Any, target: wp.array | None, blocks: Sequence[str],
@@ -156,15 +156,15 @@ class PrescribedFields:
     ) -> None:  # fmt: skip
         """Prepare the fields of a function of the scene.
 
-        formula: the scene's function; target: the parameter with the blocks (N,) of its results, if
-        there is one; steady: evaluate the function only once.
+        formula: the function. target: device array for its results, None if the scene has no such
+        function. blocks: names of the blocks (N,) of `target`. steady: evaluate only once.
         """
         self._on, self._formula, self._target, self._blocks = on, formula, target, blocks
         self.steady = steady or target is None
         """True if the fields are the same at all times."""
         self._time: float | None = None
         self.mean_of_depth = 0.0
-        """Mean over the sphere of what is prescribed for the depth."""
+        """Mean over the sphere of the prescribed rate of the depth [m s-1]."""
 
     def set_time(self, t: float) -> None:
         """Update the fields to time t [s], unless they are current."""

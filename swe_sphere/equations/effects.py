@@ -1,8 +1,8 @@
 """The effects that a scene may declare: small frozen dataclasses.
 
-An effect defines *what* acts on the fluid and with which coefficients. The effects of the kernels
-name the terms that they enable; a `PointwiseEffect` contains its own formulas at a node, without
-derivatives in space, and a scene may define custom ones.
+An effect defines *what* acts on the fluid and with which coefficients. Most effects name the terms
+of the kernels that they enable. A `PointwiseEffect` contains formulas at a node, without
+derivatives in space; a scene may define custom effects of this type.
 """
 
 import math
@@ -19,10 +19,10 @@ from swe_sphere.planet import EARTH
 
 Formula = Callable[..., Any]
 Formulas = tuple[Formula | None, Formula | None]
-"""Rates of change of the wind and of the depth by an effect; None stands for zero."""
+"""Formulas of the rates of the wind and of the depth by an effect; None stands for zero."""
 
 MASSES = frozenset({"mass", "tracers"})
-"""The total mass of the fluid, and those of its tracers."""
+"""Names of conserved masses: the total mass of the fluid, and the masses of its tracers."""
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class Effect:
     """Function of the `Scene` that this effect, and only this effect, requires."""
 
     terms: ClassVar[frozenset[str]] = frozenset()
-    """Flags of `swe_sphere.kernels.Terms` (with derivatives) and `Pointwise` that it enables: in
-    the dissipative component if it damps, otherwise in the conservative one."""
+    """Flags of `swe_sphere.kernels.Terms` (with derivatives) and `Pointwise` that the effect
+    enables: in the dissipative component if it damps, otherwise in the conservative one."""
 
     everywhere: ClassVar[frozenset[str]] = frozenset()
-    """Flags of all components of the right-hand side, because they define the fields."""
+    """Flags that the effect sets in all components: they define the fields of the kernels."""
 
     constant: ClassVar[bool] = False
     """True if the rate of change is the same for all states, so that its derivative is zero."""
@@ -49,12 +49,12 @@ class Effect:
     """Names of effects that cannot be combined with this one, each with an error message."""
 
     conserves: ClassVar[frozenset[str]] = MASSES
-    """The `MASSES` that the effect conserves: implicit steppers restore the masses that all effects
-    of a scene conserve; the others are as accurate as the solver.  (The mass that forcing adds is
-    computed: see `Model.mean_source`.)"""
+    """The `MASSES` that the effect conserves. Implicit steppers restore the masses that all effects
+    of a scene conserve, apart from the mass that forcing adds (`Model.mean_source`); other masses
+    are as accurate as the solver."""
 
     dissipation: ClassVar[bool] = False
-    """True if the effect damps: users may enable it; leapfrog evaluates it at the past level."""
+    """True if the effect damps: any scene may add it; leapfrog evaluates it at the past level."""
 
     strengths: ClassVar[tuple[str, ...]] = ()
     """Parameters that must be finite and not negative; the effect vanishes if one is zero."""
@@ -91,7 +91,7 @@ class Effect:
 
     @property
     def differentiable(self) -> bool:
-        """True if the kernels have the derivative of the effect along any change of the state."""
+        """True if the kernels contain the derivative of the effect with respect to the state."""
         return True
 
     @property
@@ -104,7 +104,7 @@ class Effect:
         return {}
 
     def damping(self, mesh: Mesh, squares: Array) -> Array | float:
-        """Return the rate [s-1] at which it damps waves of squared wavenumbers k^2 [m-2].
+        """Return the rate [s-1] at which the effect damps waves; squares: k^2 [m-2] of each wave.
 
         Preconditioners of implicit steps use only this rate of an effect.
         """
@@ -180,7 +180,7 @@ class Forcing(Effect):
 class Tracers(Effect):
     """Passive tracers with the mixing ratios of `Scene.tracers`, carried by wind and depth.
 
-    With `limiter` every step ends with mixing ratios within the bounds of the initial ones.
+    With `limiter` each step ends by limiting mixing ratios to the range of their initial values.
     """
 
     name = "tracers"
@@ -192,8 +192,8 @@ class Tracers(Effect):
 class LinearisedDynamics(Effect):
     """The derivative of all effects but forcing at the flow `Scene.base` replaces the effects.
 
-    d state/dt = F'(base) (state - base) + forcing. The state is still the whole flow, and the base
-    counts as steady, whether F(base) is zero or not.
+    d state/dt = F'(base) (state - base) + forcing. The state remains the whole flow, and the base
+    is treated as steady even if F(base) is not zero.
     """
 
     name = "linearised"
@@ -265,9 +265,9 @@ class Hyperviscosity(Effect):
 class EdgePenalty(Effect):
     """Penalty on the jumps of vorticity and divergence at the edges of elements.
 
-    It damps winds whose vorticity or divergence is discontinuous there, at the rate gamma = `c`
-    `speed` dx [m2 s-1] times squared jumps, with dx [m] the root of the area of an element. Smooth
-    winds keep their order of accuracy; mass and depth are not changed.
+    The penalty damps winds whose vorticity or divergence is discontinuous there. Its coefficient is
+    gamma = `c` `speed` dx [m2 s-1], with dx [m] the square root of the area of an element. The
+    order of accuracy of smooth winds is kept; mass and depth are not changed.
 
     Args:
         c: strength; None, on the command line "default": `penalty_default` of the mesh, which
@@ -297,7 +297,7 @@ class EdgePenalty(Effect):
 def penalty_default(np: int) -> float:
     """Return the default strength of the edge penalty for np nodes along the edge of an element.
 
-    Its largest rate is then 4 to 6 % of that of gravity waves at every np.
+    The largest damping rate is then 4 to 6 % of the largest rate of gravity waves at every np.
     """
     return 0.16 / np**2
 
@@ -309,14 +309,14 @@ def hyperviscosity_default(
 
     The default is one thirtieth of the rule of CAM-SE (ESCOMP/CAM, global_norms_mod, after Boville
     1991 and Takahashi et al. 2006), 1e15 (a / 6.37122e6 m) (30 / ne)^(1 / log10 2) at np = 4. Other
-    np are compared at equal mean node spacing, which is proportional to 1 / (ne (np - 1)). A
-    stretched mesh has one coefficient, that of its finest part.
+    np are compared at equal mean node spacing, which is proportional to 1 / (ne (np - 1)). On a
+    stretched mesh the coefficient is that of the finest spacing, everywhere.
 
     Args:
         ne: number of elements along the edge of a cube face.
         np: number of nodes along the edge of an element.
         radius: radius of the planet [m].
-        refinement: node spacing without stretching over that of the finest part of the mesh.
+        refinement: finest node spacing without stretching over that with stretching.
     """
     spacing = (30.0 * 3.0) / (ne * (np - 1) * refinement)
     return float(1.0e15 / 30.0 * (radius / EARTH.radius) * spacing ** (1.0 / math.log10(2.0)))
@@ -327,9 +327,9 @@ class PointwiseEffect(Effect):
     """Base of effects whose tendency at a node depends only on the wind and depth there.
 
     The formulas are static methods of `(c, i, u, v, h)`, with the coefficients c, the number i of
-    the node, the winds u, v [m s-1] and the depth h [m]. Formulas of the wind return two rates [m
-    s-2], formulas of the depth one [m s-1]. A numeric coefficient reads c.name, a field (N,)
-    c.name[i]; Warp treats a bare constant as a float32, so make it a coefficient.
+    the node, the winds u, v [m s-1] and the depth h [m]. A formula of the wind returns two rates [m
+    s-2], a formula of the depth one [m s-1]. It reads a number as c.name and a field (N,) as
+    c.name[i]. Warp treats a bare constant as a float32: make constants coefficients instead.
 
     The derivatives are static methods of `(c, i, u, v, h, du, dv, dh)`, linear in the last three.
     If one is missing, all products with the Jacobian are differences of right-hand sides.
@@ -352,12 +352,12 @@ class PointwiseEffect(Effect):
 
     @property
     def tendencies(self) -> Formulas:
-        """The rates of change."""
+        """The formulas of the rates of wind and depth."""
         return type(self).wind_tendency, type(self).depth_tendency
 
     @property
     def derivatives(self) -> Formulas:
-        """The derivatives of both rates."""
+        """The formulas of the derivatives of both rates."""
         return type(self).wind_derivative, type(self).depth_derivative
 
     @property
@@ -392,22 +392,22 @@ class Drag(PointwiseEffect):
 
     @property
     def degree(self) -> int | None:
-        """Degree 1 without quadratic drag, which contains the modulus of the wind, else None."""
+        """1 for linear drag; None with quadratic drag, which contains the modulus of the wind."""
         return 1 if self.quadratic == 0.0 else None
 
     @property
     def tendencies(self) -> Formulas:
-        """The rate of the wind; linear drag alone does not compute the modulus."""
+        """The formula of the rate of the wind; for linear drag it does not compute the modulus."""
         return self._linear if self.quadratic == 0.0 else self._both, None
 
     @property
     def derivatives(self) -> Formulas:
-        """Derivatives of the drag of the wind; the depth has none."""
+        """The formula of the derivative of the drag; the depth has none."""
         linear, both = self._linear_derivative, self._derivative_of_both
         return linear if self.quadratic == 0.0 else both, None
 
     def coefficients(self, mesh: Mesh) -> dict[str, float]:
-        """Return both coefficients, and a wind speed that counts as still air."""
+        """Return both coefficients, and a wind speed [m s-1] that counts as still air."""
         return {"linear": self.linear, "quadratic": self.quadratic, "still": 1e-30}
 
     @staticmethod
@@ -440,8 +440,8 @@ class Drag(PointwiseEffect):
 class Relaxation(PointwiseEffect):
     """-(h - h_eq) / time on the depth, `time` in [s], with h_eq [m] from `Scene.equilibrium`.
 
-    This is Newtonian cooling in a shallow layer. In a scene without an equilibrium, it relaxes the
-    depth to its initial values. Raises ConfigError if `time` is not positive.
+    This is Newtonian cooling in a shallow layer. In a scene without an equilibrium, h_eq is the
+    initial depth. Raises ConfigError if `time` is not positive.
     """
 
     name = "relaxation"

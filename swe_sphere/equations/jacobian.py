@@ -1,4 +1,4 @@
-"""Operators for the derivative of the right-hand side at one state; several may be in use."""
+"""Operators that apply the derivative of the right-hand side at a state to directions."""
 
 from collections.abc import Callable, Sequence
 from typing import Self
@@ -17,7 +17,7 @@ class ExactJacobian:
     """Jacobian whose kernels apply the derivatives of all terms."""
 
     def __init__(self, tangent: RightHandSide, base: wp.array | None) -> None:
-        """Store the state `base` of the tangent; None if all states have the same derivative."""
+        """Store the "tangent" and its array `base`; None if all states have the same derivative."""
         self._tangent, self._base, self._time = tangent, base, 0.0
 
     def update(self, state: wp.array, t: float) -> Self:
@@ -28,7 +28,7 @@ class ExactJacobian:
         return self
 
     def __call__(self, direction: wp.array, out: wp.array) -> None:
-        """Write J direction to `out`, which must be another array."""
+        """Write J times the direction to `out`, which must be another array."""
         self._tangent(direction, self._time, out)
 
 
@@ -36,12 +36,12 @@ class DifferenceJacobian:
     """J d approximated by [F(x + e d) - F(x)]/e with e = sqrt(round-off) max|x| / max|d|.
 
     Knoll & Keyes 2004 (doi:10.1016/j.jcp.2003.08.010), section 2.3, with a separate scale for each
-    field (`_sizes_of`). It serves for comparison, and for effects without a derivative: it costs
-    about as much as the exact product, but has only half the digits.
+    field (`_sizes_of`). The approximation serves for comparison, and for effects without a
+    derivative. It costs about as much as the exact product, but has only half the digits.
     """
 
     def __init__(self, model: DiscreteScene, names: Sequence[str], tendency: Tendency) -> None:
-        """Store the names of the blocks (N,) of a state, and the tendency (x, t, out)."""
+        """Store the names of the blocks (N,) of a state, and the function tendency(x, t, out)."""
         self._model, self._names, self._tendency = model, list(names), tendency
         size = len(names) * model.device_mesh.size
         self._base, self._slope, self._moved, self._zero = (model.zeros(size) for _ in range(4))
@@ -56,7 +56,7 @@ class DifferenceJacobian:
         return self
 
     def __call__(self, direction: wp.array, out: wp.array) -> None:
-        """Write J direction to `out`, another array; costs one right-hand side."""
+        """Write J times the direction to `out`, another array; costs one right-hand side."""
         self._model.counters["tangent_evaluations"] += 1
         relative = float((self._largest(direction) / self._sizes).max())
         if relative == 0.0:
@@ -90,6 +90,6 @@ class DifferenceJacobian:
 Jacobian = ExactJacobian | DifferenceJacobian
 """Operator `jacobian(d, out)`: out = J d, with J the derivative at the state of the last `update`.
 
-A Jacobian holds a copy of that state, so that Jacobians at several states can be applied in turns;
-`update` allocates nothing.  Products are counted as tangent_evaluations.
+A Jacobian contains a copy of that state, so that Jacobians at several states can be applied in
+turns. `update` allocates nothing. The counter "tangent_evaluations" counts products.
 """

@@ -37,10 +37,10 @@ class Model(DiscreteScene):
 
     A state is a flat Warp array: N eastward winds, N northward winds [m s-1] and N depths [m], or
     the depths alone if the wind is prescribed; then the masses hq [m] of tracers, N of each. Nodes
-    are in the order of `device_mesh`; `state_from` and `fields` accept and return arrays in the
-    order of the mesh. `shape` selects the launch shape of the kernels; by default one thread per
-    group of elements on a CPU and one thread per node elsewhere. comm: the ranks that share the
-    mesh; by default there is only one.
+    are in the order of `device_mesh`; `state_from` and `fields` use the order of the mesh. device:
+    a device of Warp. precision: "float64" or "float32". shape: launch shape of the kernels,
+    "element" (one thread per group of elements, the default on a CPU) or "node" (one per node).
+    comm: the ranks that share the mesh; by default there is only one.
 
     Raises ConfigError for an unknown device, precision or launch shape.
     """
@@ -53,10 +53,10 @@ class Model(DiscreteScene):
         self._carry(flux=False)
 
     def _carry(self, flux: bool) -> None:
-        """Add tracers to states after wind and depth, or the mass flux that carries tracers."""
+        """Add tracers to states after wind and depth, or the mass flux that carries them."""
         self.tracers: TracerEquations | None = None
         self.carried: TracerEquations | MassFlux | None = None
-        """Fields of a state behind wind and depth: tracer masses or the mass flux."""
+        """Fields of a state after wind and depth: tracer masses, the mass flux, or None."""
         if flux:
             self.carried = MassFlux(self)
         elif self.scene.tracers:
@@ -64,7 +64,7 @@ class Model(DiscreteScene):
         self.names = (*self.fluid, *(self.carried.names if self.carried else ()))
         """Names of the blocks (N,) of a state."""
         self.size = len(self.names) * self.device_mesh.size
-        if not (self.diffusive or self.penalised):  # otherwise a stepper may need it without
+        if not (self.diffusive or self.penalised):  # steppers may apply those terms separately
             _ = self.tendency
 
     @cached_property
@@ -79,7 +79,7 @@ class Model(DiscreteScene):
 
     @property
     def dissipative(self) -> bool:
-        """True if the scene has an effect that damps, or a held rate."""
+        """True if the scene has an effect that damps, or the model a `held` rate."""
         return self.held is not None or any(effect.dissipation for effect in self.scene.effects)
 
     @property
@@ -91,7 +91,7 @@ class Model(DiscreteScene):
         return self.scene.effect("edge-penalty") is not None
 
     def damping(self, squares: Array) -> Array:
-        """Return the damping rate [s-1] of all effects for waves of squared wavenumbers [m-2]."""
+        """Return the damping rates [s-1] of all effects; squares: squared wavenumbers [m-2]."""
         total = np.zeros_like(squares)
         for effect in self.scene.effects:
             total += effect.damping(self.mesh, squares)
@@ -107,7 +107,7 @@ class Model(DiscreteScene):
         return self.without(lambda effect: effect.name == "edge-penalty", held)
 
     def without(self, left_out: Callable[[Effect], bool], held: wp.array | None = None) -> "Model":
-        """Return the model without some effects; it shares all arrays."""
+        """Return the model without the effects for which `left_out` is true; arrays are shared."""
         effects = tuple(effect for effect in self.scene.effects if not left_out(effect))
         if len(effects) == len(self.scene.effects):
             return self
@@ -135,8 +135,8 @@ class Model(DiscreteScene):
     def state_from(self, u: Array, v: Array, h: Array, **tracers: Array) -> wp.array:
         """Return a state from winds [m s-1], depth [m] and mixing ratios by name, each (N,).
 
-        Missing tracers have the scene's initial values. Raises ValueError for arrays of another
-        size.
+        Tracers that are not passed get the initial values of the scene. Raises ValueError for
+        arrays of another size.
         """
         ratios = mixing_ratios(self.scene, self.mesh) | tracers
         masses = {f"hq_{name}": h * q for name, q in ratios.items()}
@@ -147,8 +147,8 @@ class Model(DiscreteScene):
     def initial_state(self) -> wp.array:
         """Return the scene's initial state.
 
-        Raises ConfigError if the depth is zero everywhere, or if the depth that carries waves,
-        which is the base's in linearised dynamics, is not positive.
+        Raises ConfigError if the depth is zero everywhere, or if the depth that carries waves (the
+        depth of the base in linearised dynamics) is not positive.
         """
         scene, mesh = self.scene, self.mesh
         if scene.wind is None and scene.effect("pressure-gradient") is not None:
@@ -170,7 +170,7 @@ class Model(DiscreteScene):
     def fields(self, state: wp.array, t: float = 0.0) -> dict[str, Array]:
         """Return winds u, v [m s-1] and depth h [m] as float64 numpy arrays (N,).
 
-        For each tracer the mass hq_NAME [m] and the mixing ratio q_NAME are added.
+        For each tracer the mass hq_NAME [m] and mixing ratio q_NAME are added. t: time of u, v [s].
         """
         blocks = self.device_mesh.collect(state).astype(np.float64).reshape(len(self.names), -1)
         fields = dict(zip(self.names, blocks, strict=True))
@@ -186,11 +186,11 @@ class Model(DiscreteScene):
         self, component: str = "all", *, stage: tuple[wp.array, float] | None = None,
         base: wp.array | None = None, fluid_only: bool = False, counted: bool = True,
     ) -> RightHandSide:  # fmt: skip
-        """Return a component of the right-hand side, see `RightHandSide`.
+        """Return a component of the right-hand side: a key of `COMPONENTS`, see `RightHandSide`.
 
-        stage: (start, tau [s]) if the result is to be start + tau rate; start is a state, and may
-        be the result. base: a state at which the tangent is taken; its array is kept. fluid_only:
-        the rates of wind and depth alone, also for vectors without other fields.
+        stage: (start, tau [s]) to compute start + tau rate; the state start may also be the result.
+        base: array of the state at which the tangent is taken; it is not copied. fluid_only: only
+        the rates of wind and depth, also for vectors without tracers. counted: count evaluations.
         """
         step = None
         if stage is not None:
@@ -221,12 +221,12 @@ class Model(DiscreteScene):
 
     @cached_property
     def dissipative_tendency(self) -> Operator:
-        """The dissipation alone, for schemes that step it separately: (state, out)."""
+        """The dissipation alone, for schemes that step it separately: called as (state, out)."""
         return self.right_hand_side("dissipative").at_start
 
     @cached_property
     def diffusion(self) -> Operator:
-        """The rates of viscosity and hyperviscosity: (state, out); the scene has one of them."""
+        """Rates of viscosity and hyperviscosity, called as (state, out); the scene needs one."""
         return self.right_hand_side("diffusive").at_start
 
     @cached_property
@@ -250,7 +250,7 @@ class Model(DiscreteScene):
         self.edge_penalty(source, tau, out, start)
 
     def jacobian(self) -> Jacobian:
-        """Return a Jacobian that `update` moves from state to state."""
+        """Return a new Jacobian; call its `update` with a state and a time before the first use."""
         if not all(effect.differentiable for effect in self.scene.effects):
             return DifferenceJacobian(self, self.names, self.tendency)
         needed = self.tracers is not None or needs_base(self)
@@ -258,7 +258,7 @@ class Model(DiscreteScene):
         return ExactJacobian(self.right_hand_side("tangent", base=base), base)
 
     def spectrum(self, state: wp.array, t: float = 0.0) -> Spectrum:
-        """Return the extent [s-1] of the Jacobian's spectrum, which limits explicit steps."""
+        """Return the extent [s-1] of the spectrum of the Jacobian, which limits explicit steps."""
         waves = self.right_hand_side("conservative", fluid_only=True, counted=False)
         wave = spectral_radius(self, state, lambda x, out: waves(x, t, out))
         return Spectrum(wave, self.dissipation_radius(state))
@@ -271,7 +271,7 @@ class Model(DiscreteScene):
         return spectral_radius(self, state, operator, "dissipative")
 
     def point_of_tangent(self, state: wp.array) -> wp.array:
-        """Return the state at which the Jacobian is taken: the base of linearised dynamics."""
+        """Return the state at which the Jacobian is taken: the base in linearised dynamics."""
         return self.parameters.get("base", state)
 
     def mean_source(self, t: float) -> float:

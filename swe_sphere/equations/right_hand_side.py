@@ -1,6 +1,6 @@
-"""Right-hand sides: fixed sequences of operators, from a component, a stage and a base.
+"""Right-hand sides: each is a fixed sequence of operators that computes one component.
 
-Their kernels are compiled with the terms of the effects of a scene.
+The kernels of the operators are compiled with the terms of the effects of a scene.
 """
 
 import inspect
@@ -44,8 +44,8 @@ COMPONENTS: Mapping[str, str | None] = {
 }  # fmt: skip
 """The components by name, and the counter of each.
 
-"all" is the sum of "conservative" and "dissipative".  "diffusive" is the viscosity and the
-hyperviscosity in "dissipative", and "penalising" the edge penalty.  "tangent" is the derivative of
+"all" is the sum of "conservative" and "dissipative". Parts of "dissipative" are "diffusive", the
+viscosity and the hyperviscosity, and "penalising", the edge penalty. "tangent" is the derivative of
 "all" at a base along a direction.
 """
 
@@ -55,8 +55,7 @@ class RightHandSide:
     """Computes out = F(x, t), or start + tau F(x, t) for a stage (start, tau) of a step.
 
     F is one of `COMPONENTS`. In linearised dynamics all components are derivatives at the base of
-    the scene, applied to the difference of x from that base. An instance is called as rhs(x, t,
-    out).
+    the scene, applied to the difference of x from that base. Call an instance as rhs(x, t, out).
     """
 
     operations: tuple[Operation, ...]
@@ -80,7 +79,7 @@ class RightHandSide:
                     operator(x if source is None else source, out if target is None else target)
 
     def at_start(self, x: wp.array, out: wp.array) -> None:
-        """Evaluate at the time 0: some components are the same at all times."""
+        """Evaluate at time 0 a component that is the same at all times."""
         self(x, 0.0, out)
 
 
@@ -89,7 +88,7 @@ def fluid_operations(
 ) -> list[Operation]:
     """Return the operations on wind and depth of a component.
 
-    base: the base of a tangent, as for `RightHandSide`; stage: a `stage_struct`, or None.
+    base: the state at which a tangent is taken. stage: a `stage_struct`, or None for the rates.
     """
     terms = element_terms(model.scene, component)
     point = pointwise_terms(model.scene, component, model.parameters)
@@ -158,7 +157,7 @@ def element_terms(scene: Scene, component: str) -> Terms:
 
 
 def pointwise_terms(scene: Scene, component: str, parameters: Mapping[str, Any]) -> Pointwise:
-    """Return the terms without derivatives, which are added by DSS.
+    """Return the terms without derivatives, which the assembly kernel adds at each node.
 
     parameters: the coefficients of each effect, by its name.
     """
@@ -204,7 +203,7 @@ def _point_term(effect: PointwiseEffect, known: Mapping[str, Any], tangent: bool
 
 
 def _read_around(formula: Callable[..., Any], *callers: Any) -> tuple[object, ...]:
-    """Return the values of the surrounding scope that a formula and its Warp functions read."""
+    """Return the values outside of a formula and of its Warp functions that both read, by name."""
     around, known = inspect.getclosurevars(formula), (None, formula, *callers)
     return tuple(
         (name, _read_around(value.func, formula, *callers))

@@ -1,6 +1,6 @@
-"""A scene: the data and formulas of one test case, with its effects as set by the user.
+"""A scene: the data, formulas and effects of one test case.
 
-Its functions are checked at each evaluation, so that callers get sound arrays.
+The functions of a scene are checked at each evaluation, so that callers get valid arrays.
 """
 
 import re
@@ -54,17 +54,17 @@ KINDS: Mapping[str, type] = {
 """Attributes of a scene that are neither numbers nor functions."""
 
 FIELDS = ("bottom", "coriolis", "equilibrium")
-"""Functions of a scene that an effect without derivatives may read."""
+"""Functions of a scene that a `PointwiseEffect` may read."""
 
 
 @dataclass(frozen=True)
 class Scene:
     """A test case: its initial state, its effects, and its exact solution if one is known.
 
-    All functions take arrays of equal shape and return arrays of that shape, or numbers, which hold
-    everywhere. Values must be finite everywhere (NaN of an exact solution means that it is
-    unknown); each function checks its results at every call and raises ConfigError. At a pole the
-    wind refers to the frame of the given longitude (the meshes here give 0), so east = (-sin lon,
+    All functions accept arrays of equal shape and return arrays of that shape, or numbers for
+    constant fields. Values must be finite everywhere (a NaN of an exact solution marks an unknown
+    value); each function checks its results at every call and raises ConfigError. At a pole the
+    wind refers to the frame of the given longitude (0 on meshes of the package): east = (-sin lon,
     cos lon, 0) and north = (-sin lat cos lon, -sin lat sin lon, cos lat).
 
     Examples:
@@ -100,7 +100,7 @@ class Scene:
     bottom: Scalar | None = None
     """Height of the bottom [m]; set if and only if the scene has orography."""
     coriolis: Scalar | None = None
-    """Coriolis parameter [s-1], only with rotation; None for the planet's, 2 Ω sin θ."""
+    """Coriolis parameter [s-1], only with rotation; None: that of the planet, 2 Ω sin θ."""
     wind: Wind | None = None
     """Prescribed wind; set if and only if the wind is prescribed."""
     steady_wind: bool = False
@@ -110,17 +110,17 @@ class Scene:
     steady_forcing: bool = False
     """True if the forcing is the same at all times; it is then evaluated once."""
     base: State | None = None
-    """Flow of the linearisation; set if and only if the dynamics are linearised."""
+    """Flow about which the dynamics are linearised; set if and only if they are."""
     equilibrium: Scalar | None = None
-    """Depth [m] to which relaxation leads; set if and only if there is relaxation."""
+    """Depth h_eq [m] to which the depth relaxes; set if and only if the scene has relaxation."""
     tracers: Mapping[str, Scalar] | None = None
     """Initial mixing ratios by name, in any unit; set if and only if the scene has tracers."""
     exact_tracers: UnsteadyTracers | None = None
-    """Function that returns the exact tracers at a time; NaN at times without a solution."""
+    """Exact mixing ratios at a time; NaN at times without a known solution."""
     error_field: str = "h"
-    """Errors of height are those of the fluid depth ("h") or of the free surface ("surface")."""
+    """Height whose errors are reported: the fluid depth ("h") or the free surface ("surface")."""
     sheds_waves: bool = False
-    """True if the initial state radiates gravity waves: depth alone then cannot rank steppers."""
+    """True if the initial state radiates gravity waves; sweeps then compute slow-flow errors."""
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     """Parameters (alpha, ...) with which this scene was built."""
 
@@ -156,14 +156,14 @@ class Scene:
     def with_effect(self, effect: Effect) -> Self:
         """Return the scene with the effect added; it replaces an effect of the same name.
 
-        An effect that vanishes (a viscosity of zero) is removed instead. Relaxation of a scene
-        without equilibrium is to the initial depth. An exact solution is dropped with drag,
-        relaxation or a user-defined effect; diffusion counts as an error of the discretisation.
+        An effect that vanishes (a viscosity of zero) is removed instead. Without an equilibrium,
+        the depth relaxes to its initial values. A new pointwise effect (drag, relaxation, custom
+        effects) removes the exact solution; diffusion counts as an error of the discretisation.
 
         Raises ConfigError if `effect` is not an effect.
         """
         if isinstance(effect, type) or not hasattr(effect, "absent"):
-            return replace(self, effects=(*self.effects, effect))  # whose check states the mistake
+            return replace(self, effects=(*self.effects, effect))  # raises a ConfigError
         kept = tuple(e for e in self.effects if e.name != effect.name)
         if effect.absent:
             unneeded: dict[str, Any] = {effect.needs: None} if effect.needs else {}
@@ -180,8 +180,8 @@ class Scene:
     def without_effect(self, name: str) -> Self:
         """Return the scene without the effect of that name and the function that it needs.
 
-        Without one of its effects a scene has no exact solution. Raises ConfigError if the scene
-        does not have the effect.
+        The exact solution is removed too, unless the effect is dissipation or tracers. Raises
+        ConfigError if the scene does not have the effect.
         """
         effect = self.effect(name)
         if effect is None:
@@ -205,7 +205,7 @@ def apply_settings(scene: Scene, settings: object) -> Scene:
     """Return the scene with the parameters of its effects from settings.
 
     settings: as for `read_settings`; settings of the scene itself and of the stepper are skipped.
-    Raises ConfigError as `configured_effect`.
+    Raises ConfigError like `configured_effect`.
     """
     for name, values in by_owner(read_settings(settings)).items():
         if name not in (SCENE, STEPPER):
@@ -216,8 +216,8 @@ def apply_settings(scene: Scene, settings: object) -> Scene:
 def configured_effect(scene: Scene, name: str, given: Mapping[str, object]) -> Effect:
     """Return the effect `name` of the scene, or a new one, with the given parameters.
 
-    Dissipation may be switched on (and, by zero, off) for any scene; the parameters of other
-    effects can be changed only if the scene has the effect. Text is read as a value. Raises
+    Dissipation can be added to any scene; the parameters of other effects can be changed only if
+    the scene has the effect. given: values by parameter, or text that can be read as such. Raises
     ConfigError for a value that cannot be read, and for an unknown name.
     """
     present = scene.effect(name)
@@ -271,7 +271,7 @@ def _wrong_kinds(scene: Scene) -> Iterator[str]:
 
 
 def _wrong_effects(scene: Scene) -> Iterator[str]:
-    """Yield faults of effects and functions that need each other and do not come together."""
+    """Yield faults of effects: missing or unused functions, effects that exclude others."""
     names = [effect.name for effect in scene.effects]
     if len(set(names)) < len(names):
         yield f"an effect is listed twice: {', '.join(names)}"
@@ -289,7 +289,7 @@ def _wrong_effects(scene: Scene) -> Iterator[str]:
 
 
 def _wrong_formulas(scene: Scene, effect: PointwiseEffect) -> Iterator[str]:
-    """Yield faults of an effect, which may be user-defined."""
+    """Yield faults in the name, formulas and needs of a pointwise effect."""
     label = f"effect {effect.name!r}"
     if EFFECTS.get(effect.name, type(effect)) is not type(effect):
         yield f"{label} has the name of an effect of the package: choose another"
@@ -343,7 +343,7 @@ def _wrong_numbers(scene: Scene) -> Iterator[str]:
 
 
 def is_finite(value: Any) -> bool:
-    """Return True for finite numbers, but not for booleans or numbers too large for a float."""
+    """Return True for a finite number, and False for booleans and numbers too large for a float."""
     number = isinstance(value, Real) and not isinstance(value, bool)
     return number and bool(abs(value) <= sys.float_info.max)
 
@@ -360,7 +360,7 @@ RETURNS: Mapping[str, tuple[str, ...]] = {
 def checked_functions(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the functions of a scene by attribute name, wrapped so that they check their results.
 
-    given: the attributes of the scene by name. Raises ConfigError for one that is not a function.
+    given: the attributes of the scene by name. Raises ConfigError for a value that is no function.
     """
     scene, tracers, exact = given["name"], given["tracers"], given["exact_tracers"]
     functions: dict[str, Any] = {
@@ -445,7 +445,7 @@ def fitted(label: str, original: Any, lon: Array, lat: Array, may_be_nan: bool =
         kind = type(original).__name__ if values.ndim == 0 else f"an array of {values.dtype}"
         raise ConfigError(f"{label} must be real numbers, got {kind}")
     values = values.astype(np.float64, copy=False)
-    if hasattr(values, "filled"):  # a masked array; numpy has them in a module that loads late
+    if hasattr(values, "filled"):  # a masked array, tested without importing numpy.ma
         values = values.filled(np.nan)
     try:
         field = np.broadcast_to(np.asarray(values), lon.shape)

@@ -18,7 +18,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.operators.tracers import Limiter, MixingRatio, TracerTransport
 
 TRANSPORT = ("all", "conservative", "tangent")
-"""Components of a right-hand side with transport; the others have dissipation alone."""
+"""Components of a right-hand side that contain transport; the others contain only dissipation."""
 
 
 def mixing_ratios(scene: Scene, mesh: Mesh) -> dict[str, Array]:
@@ -30,10 +30,10 @@ def mixing_ratios(scene: Scene, mesh: Mesh) -> dict[str, Array]:
 class TracerEquations:
     """The equations of tracers: d(hq)/dt = -div(hq V) + diffusion.
 
-    The wind V is that of the state, or the prescribed one. The equation is that of the depth with
-    hq in place of h, term by term and rounding by rounding, so that a constant q stays constant.
-    Diffusion acts on q (h + b), as it acts on h + b of the depth, which also keeps a constant q.
-    Sources of fluid bring no tracer.
+    The wind V is that of the state, or the prescribed wind. The equation is that of the depth with
+    hq in place of h, including the order of its roundings, so that a constant q stays constant.
+    Diffusion acts on q (h + b), as it acts on h + b in the equation of the depth, which also keeps
+    a constant q. Sources of fluid add no tracer.
     """
 
     def __init__(self, model: DiscreteScene) -> None:
@@ -51,9 +51,9 @@ class TracerEquations:
         self._diffusion = _Diffusion(self, model, terms) if terms.diffuses else None
 
     def operations(self, component: str, base: wp.array | None, stage: Any) -> list[Operation]:
-        """Return the operations on tracers of a component, see `RightHandSide`.
+        """Return the operations on tracers of a component; arguments as for `fluid_operations`.
 
-        Raises ConfigError for a stage with diffusion, which is added to rates.
+        Raises ConfigError for a stage with diffusion, which can only be added to rates.
         """
         if component not in TRANSPORT:
             operations = [Operation(partial(_clear, self.first))]
@@ -74,17 +74,17 @@ class TracerEquations:
         return operations + self._diffusion.operations(base if component == "tangent" else None)
 
     def carry(self, wind: wp.array, x: wp.array, out: wp.array, stage: Any = None) -> None:
-        """Write the rates of transport by a wind (2N, ...) of the masses in x, or a stage."""
+        """Write to `out` the transport of the masses in x: rates, or a stage; wind: (2N, ...)."""
         self._transport(wind, x, self.first, out, self.first, stage)
 
     def mixing_ratio(self) -> MixingRatio:
-        """Return new arrays for the mixing ratios of a state."""
+        """Return an operator that computes the mixing ratios of a state, with its own arrays."""
         model = self._model
         offsets = self.count, self.depth, self.first
         return MixingRatio(model.device_mesh, model.launch, *offsets)
 
     def limiter(self) -> Limiter | None:
-        """Return a limiter with the bounds of the initial mixing ratios, if the scene has one."""
+        """Return a limiter to the range of initial mixing ratios; None if the scene has none."""
         mesh, effect = self._model.mesh, self._model.scene.effect("tracers")
         if not (isinstance(effect, Tracers) and effect.limiter):
             return None
@@ -143,8 +143,8 @@ class MassFlux:
     """Two blocks G (N,) [m2] after wind and depth in place of tracers, with dG/dt = h V.
 
     Without dissipation and sources dh/dt = -div(dG/dt), and every scheme that combines tendencies
-    and states linearly keeps h + div G to round-off: the change of G between two times is the mass
-    flux that carries tracers from one to the other. Dissipation is not a flux.
+    and states linearly keeps h + div G to round-off. The change of G between two times is therefore
+    the mass flux that carries tracers in this interval. Dissipation adds nothing to G.
     """
 
     names = ("flux_u", "flux_v")
@@ -157,7 +157,7 @@ class MassFlux:
         (self._kernel,) = model.launch.compile(model.device_mesh.real, mass_flux)
 
     def operations(self, component: str, base: wp.array | None, stage: Any) -> list[Operation]:
-        """Return the operations on G of a component, see `RightHandSide`.
+        """Return the operations on G of a component; arguments as for `fluid_operations`.
 
         Raises NotImplementedError for the tangent, which no stepper with this flux needs.
         """
@@ -168,6 +168,6 @@ class MassFlux:
         return [Operation(lambda x, out: self.carry(x, x, out, stage))]
 
     def carry(self, wind: wp.array, x: wp.array, out: wp.array, stage: Any = None) -> None:
-        """Set out_G = h V, or the result of a stage, with the wind in front of `wind`."""
+        """Set G of `out` to h V, or to a stage; V is the first 2N values of `wind`, h that of x."""
         size, stage = self._size, self._rate if stage is None else stage
         self._launch(self._kernel, size, wind, x, self._depth, size, self.first, stage, out)

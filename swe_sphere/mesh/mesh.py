@@ -188,7 +188,7 @@ def check_settings(
             f"centre={(lon, lat)}: give longitude and latitude in degrees, |latitude| <= 90"
         )
     if not math.isfinite(spin):
-        raise ConfigError(f"spin={spin}: the turn of the cube must be a finite angle")
+        raise ConfigError(f"spin={spin}: the rotation of the cube must be a finite angle")
     return ne, np, Placement((lon, lat), float(spin), float(stretch))
 
 

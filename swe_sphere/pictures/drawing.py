@@ -1,4 +1,4 @@
-"""A field on a map, without contours of noise, with its scale, title and caption."""
+"""A field on a map with its colour scale, title and caption, without contours that show noise."""
 
 import math
 from dataclasses import replace
@@ -21,20 +21,20 @@ from swe_sphere.pictures.maps import MapGrid, draw_graticule, draw_mesh, draw_wi
 from swe_sphere.planet import DAY
 
 SIGNED = 1e-3
-"""A user-defined field has two signs if each takes more than this part of its range."""
+"""A custom field counts as signed if positive and negative values exceed this part of its range."""
 FLAT = 1e-9
 """Relative variation of a field below which it is round-off."""
 SUBTITLE, TITLE, CAPTION = 6.0, 20.0, 20.0
 """Distances of the subtitle from the map, of the title from the subtitle, and of the caption from
 the map, which leaves room for the labels of the meridians [points]."""
 PALE = 0.7
-"""Opacity of small print, whose colour is that of the style: black on light, white on dark."""
+"""Opacity of small print in the text colour of matplotlib's style (black or white)."""
 LABELS = 14.0
 """Height of the labels above a polar map [points]; cartopy moves the title above them itself."""
 
 
 def limits(values: Array, kind: FieldStyle) -> tuple[float, float]:
-    """Return the ends of the colour scale; symmetric for a diverging field, never equal."""
+    """Return both ends of the colour scale: symmetric for a diverging field, and never equal."""
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     if kind.diverging:
         low, high = -max(-low, high), max(-low, high)
@@ -46,7 +46,7 @@ def limits(values: Array, kind: FieldStyle) -> tuple[float, float]:
 def contours(
     values: Array, kind: FieldStyle, ends: tuple[float, float], count: int | None = None
 ) -> tuple[Array, float]:
-    """Return the levels to draw and the interval between them; about `count` levels if given."""
+    """Return the contour levels to draw and their interval; count: their approximate number."""
     most = MaxNLocator(count or (8 if kind.diverging else 14))
     levels = np.asarray(most.tick_values(*ends), dtype=np.float64)
     interval = float(levels[1] - levels[0])
@@ -58,10 +58,10 @@ def contours(
 
 
 def drawable(levels: Array, values: Array) -> Array:
-    """Return the levels, evenly spaced, that cut through the field outside plateaus.
+    """Return those of the evenly spaced levels whose contours do not follow ripples of a plateau.
 
-    If 40 % of the map are within a tenth of an interval of a level (of an evenly distributed field:
-    a fiftieth), its contours would follow the ripples of a plateau.
+    A level is dropped if 40 % of the values lie within a tenth of an interval from it. For evenly
+    distributed values and ten levels the share is 2 %.
     """
     near = 0.1 * (levels[1] - levels[0])
     inside = levels[(levels > values.min()) & (levels < values.max())]
@@ -71,7 +71,7 @@ def drawable(levels: Array, values: Array) -> Array:
 
 
 class Drawing:
-    """A field of a source, or its difference from another source, at the points of a grid."""
+    """Drawing of a field of a source, or of its difference from `against`, on the grid of a map."""
 
     def __init__(
         self,
@@ -96,7 +96,7 @@ class Drawing:
         self._points = grid.lon.ravel(), grid.lat.ravel()
         self._sampler = source.sampler(*self._points)
         if (look.mesh or look.winds) and not isinstance(source, Nodal):
-            raise ConfigError("mesh and winds are drawn of files of runs, not of a reference")
+            raise ConfigError("mesh and winds need the file of a run: a reference has neither")
 
     def values(self, time: float | None) -> Array:
         """Return the field on the grid at a time [s]."""
@@ -117,8 +117,8 @@ class Drawing:
     ) -> None:
         """Draw the field at a time [s] on the map to which the grid belongs.
 
-        ends: those of the colour scale, unless the look sets them.  within: the map is part of a
-        figure of the user: the field and the day are its title if it has none, without a caption.
+        ends: ends of the colour scale, unless the look sets limits. within: the map belongs to a
+        figure of the caller; it then gets a title only if it has none, and no caption.
         """
         values, (_, _, x, y) = self.values(time), self.grid
         low, high = self.look.limits or ends or limits(values, self.kind)
@@ -172,7 +172,7 @@ class Drawing:
         return notes
 
     def _bottom(self, axes: GeoAxes, time: float | None) -> str:
-        """Draw about four round heights of the bottom in brown, none of them at a plain."""
+        """Draw contours of the bottom at about four round heights; return their caption."""
         bottom = self._evaluated("b", time).reshape(self.grid.x.shape)
         low, high = float(bottom.min()), float(bottom.max())
         round_numbers = MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
@@ -196,7 +196,7 @@ def _draw_scale(axes: GeoAxes, image: AxesImage, kind: FieldStyle) -> None:
         image, ax=axes, orientation="horizontal", shrink=0.6, aspect=40, pad=0.07,
         format=lambda value, _: f"{value / 10.0**power:.10g}".replace("-", "−"),
     )  # fmt: skip
-    if np.ptp(ends) < 1e-3 * np.abs(ends).max():  # few numbers fit, because they are long
+    if np.ptp(ends) < 1e-3 * np.abs(ends).max():  # long numbers: only a few fit
         bar.locator = MaxNLocator(4)
     bar.outline.set_linewidth(0.5)
     bar.ax.tick_params(labelsize=9, width=0.5)

@@ -27,7 +27,7 @@ POLAR = PROJECTIONS[-2:]
 
 
 def _numbers(*counts: int) -> Callable[[Any], Any]:
-    """Return a reader of texts such as "1,2": numbers, padded with zeros to the largest count."""
+    """Return a function that splits texts such as "1,2" and pads with "0" to the largest count."""
 
     def read(value: Any) -> Any:
         if not isinstance(value, str):
@@ -59,9 +59,9 @@ class Look(
     colours: str | None = None
     """Colour map of cmcrameri or matplotlib."""
     contours: bool | None = None
-    """Contour lines; by default not for fields of small closed loops."""
+    """Draw contour lines; by default not for fields whose contours are small closed loops."""
     panel: bool = True
-    """Curves of errors and drifts below the map."""
+    """Draw curves of errors and drifts below the map."""
     mesh: bool = False
     """Draw the edges of the elements."""
     winds: Literal["arrows", "streamlines"] | None = None
@@ -88,7 +88,7 @@ class Look(
                 f" {west:g},{east:g},{south:g},{north:g}"
             )
         if self.projection == "orthographic":
-            raise ConfigError("the orthographic globe takes a centre and no region")
+            raise ConfigError("the orthographic globe accepts a centre but no region")
         if self.projection in POLAR and self.lowest < -60.0:
             raise ConfigError("a polar map reaches to 60 degrees beyond the equator at most")
         return self
@@ -106,7 +106,7 @@ class Look(
         return south if self.projection == "north-polar" else -north
 
     def colour_map(self, kind: scalar_fields.FieldStyle) -> Colormap:
-        """Return the requested colours, or those of the field; ConfigError for an unknown name."""
+        """Return the requested colour map, or that of the field; ConfigError if it is unknown."""
         import matplotlib as mpl
         from cmcrameri import cm
         from matplotlib.colors import ListedColormap

@@ -30,11 +30,11 @@ GLOBE = crs.Globe(ellipse=None, semimajor_axis=EARTH.radius, semiminor_axis=EART
 
 
 STILL = 0.02
-"""Winds weaker than this part of the strongest are not drawn."""
+"""Winds weaker than this fraction of the strongest wind are not drawn."""
 
 
 class MapGrid(NamedTuple):
-    """Points (rows, columns): lon, lat [rad], and x, y in the coordinates of a map."""
+    """Points (rows, columns) of a map: lon, lat [rad], and x, y in map coordinates."""
 
     lon: Array
     lat: Array
@@ -45,8 +45,8 @@ class MapGrid(NamedTuple):
 class PolarMap(crs.Stereographic):  # type: ignore[misc]
     """Stereographic map of the disc between a pole and a latitude.
 
-    pole: 90 or -90; lon: the longitude that points down on a northern and up on a southern map;
-    edge: latitude of the rim [degrees].
+    pole: 90 or -90. lon: longitude [degrees] that points down on a northern and up on a southern
+    map. edge: latitude of the rim [degrees].
     """
 
     boundary: Any = None  # attributes, where cartopy has properties
@@ -104,7 +104,7 @@ def grid_of(axes: GeoAxes, rows: int) -> MapGrid:
 
 
 def place(axes: GeoAxes, lon: Array, lat: Array) -> Array:
-    """Return x, y (..., 2) on a map of points [rad], NaN where the projection cannot show them."""
+    """Return map coordinates (..., 2) of points [rad], NaN where the map cannot show them."""
     projection = axes.projection
     lon = (np.degrees(lon) + 180.0) % 360.0 - 180.0
     points = projection.transform_points(projection.as_geodetic(), lon, np.degrees(lat))[..., :2]
@@ -112,7 +112,7 @@ def place(axes: GeoAxes, lon: Array, lat: Array) -> Array:
 
 
 def draw_graticule(axes: GeoAxes, grid: MapGrid) -> None:
-    """Draw parallels and labelled meridians; a globe seen from outside has no labels."""
+    """Draw parallels and labelled meridians; the orthographic globe has no labels."""
     style, projection = {"size": 7.5, "alpha": 0.7}, axes.projection
     labels: Any = ["x", "y", "left", "bottom", "geo"]
     if isinstance(projection, crs.Stereographic):
@@ -185,10 +185,10 @@ def draw_winds(axes: GeoAxes, mesh: Mesh, fields: dict[str, Array], how: str) ->
 
 
 def _direction(axes: GeoAxes, grid: MapGrid, u: Array, v: Array) -> tuple[Array, Array]:
-    """Return the points on a map, and unit vectors (..., 2) along the wind there.
+    """Return map coordinates (..., 2) of a grid, and unit vectors (..., 2) along the wind there.
 
-    Directions are measured over 1e-4 rad, forwards or backwards, whichever does not leave the map
-    or cross its seam.
+    Directions are measured over 1e-4 rad forwards or backwards, such that the step neither leaves
+    the map nor crosses its seam.
     """
     xyz, (east, north) = position(grid.lon, grid.lat), frame(grid.lon, grid.lat)
     wind = u[..., None] * east + v[..., None] * north

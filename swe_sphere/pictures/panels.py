@@ -11,8 +11,8 @@ from swe_sphere.io.runfile import RunFile
 from swe_sphere.planet import DAY
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-"""Okabe and Ito's palette, which colour-blind readers distinguish too, without black and yellow,
-which vanish on dark or on light paper."""
+"""Palette of Okabe and Ito, which colour-blind readers can distinguish, without black and yellow,
+which vanish on dark and on light paper."""
 ROUND = 2.0**-53
 STYLES = ("-", "--", "-.", ":", "-", "--")
 ERRORS = {
@@ -24,7 +24,7 @@ ERRORS = {
 
 
 class Panel(NamedTuple):
-    """Curves to draw on one pair of axes: their times (D,) [s], and label -> values (D,) > 0."""
+    """Curves to draw on one pair of axes: times (D,) [s], and positive values (D,) by label."""
 
     title: str
     times: Array
@@ -34,7 +34,7 @@ class Panel(NamedTuple):
 def panels(run: RunFile) -> list[Panel]:
     """Return the panels that the series in a file allow: two, one or none.
 
-    A curve has two or more points that a log axis can show.
+    Curves with fewer than two positive values are left out, because the axis is logarithmic.
     """
     times, series = run.series()
     later = np.where(times > 0.0, 1.0, np.nan)
@@ -65,7 +65,7 @@ def draw_panel(axes: Axes, panel: Panel, time: float | None) -> None:
     axes.tick_params(labelsize=9)
     axes.grid(color="0.88", linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
-    # whole decades, two of them at least, with a little room: lines on the edge would be cut
+    # at least two whole decades, and a margin so that lines at the edge are not cut
     decades = np.log10(np.concatenate([*panel.curves.values()]))
     low, high = np.floor(np.nanmin(decades)), np.ceil(np.nanmax(decades))
     high = max(high, low + 2)

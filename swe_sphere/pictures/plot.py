@@ -1,4 +1,4 @@
-"""A field of a run on the globe: pictures of files and states, films, and in the terminal."""
+"""A field of a run on the globe: pictures of files and states, films, pictures in the terminal."""
 
 import os
 from collections.abc import Iterable
@@ -27,7 +27,7 @@ from swe_sphere.pictures.panels import draw_panel, panels
 from swe_sphere.planet import DAY
 
 ROWS, FILM_ROWS = 361, 181
-"""Number of latitudes of the grid for evaluation: every half degree, in films every degree."""
+"""Number of rows of the grid on which fields are drawn, in pictures and in films."""
 DOTS_PER_INCH, FILM_DOTS_PER_INCH = 160, 100
 
 
@@ -42,14 +42,14 @@ def plot_file(
 ) -> Path:
     """Draw a field of a file on the globe, with its series of errors and drifts below.
 
-    field: a name in `scalar_fields.FIELDS` or the file; None: the one in the file's attribute
-    `plot_field`, otherwise the free surface over orography (and of a reference), and the depth
-    elsewhere. time [s]: the frame, None for the last. out: the picture (its ending selects the
-    format); None: beside the file, named after it, the field and any given day, as in
-    jet_vorticity_day4.png. look: projection, colours, overlays. against: draw the difference from
-    this. overwrite: replace an existing picture. Returns the path of the picture. Raises
-    ConfigError if the file cannot be read or lacks the field or frame, or if the picture cannot be
-    written.
+    field: a name in `scalar_fields.FIELDS` or in the file; None: the attribute `plot_field` of the
+    file, otherwise the free surface for references and runs with orography, and the depth for other
+    runs. time: the frame [s]; None for the last. out: the picture (.png, .pdf or .svg); None: a
+    name beside the file, such as jet_vorticity_day4.png. look: projection, colours, overlays.
+    against: source whose field is subtracted. overwrite: replace an existing picture.
+
+    Returns the path of the picture. Raises ConfigError if the file cannot be read or lacks the
+    field or frame, or if the picture cannot be written.
     """
     look, source = look or Look(), open_source(path)
     field = check_field(field or default_field(source), source.about)
@@ -79,7 +79,7 @@ def plot_file(
 
 
 def new_figure() -> Figure:
-    """Return an empty figure whose parts make space for each other."""
+    """Return an empty figure whose layout keeps its parts from overlapping."""
     return Figure(layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.1))
 
 
@@ -90,7 +90,7 @@ def default_field(source: Source) -> str:
 
 
 def size(axes: GeoAxes, panel: bool = False) -> tuple[float, float]:
-    """Return width and height of a figure with a map [inches]; panel: with curves below."""
+    """Return width and height of a figure [inches]; panel: whether curves are below the map."""
     return 9.6, 2.3 + 9.0 * min(aspect(axes), 0.75) + (2.9 if panel else 0.0)
 
 
@@ -103,8 +103,8 @@ def draw_state(
 ) -> GeoAxes:
     """Draw a state in memory on a map; return the map.
 
-    time [s]: the frame, None for the last.  ax: axes of cartopy, whose projection, extent and title
-    stay; None: a new figure, with titles and a caption.
+    field, look: as for `plot_file`. time: the frame [s]; None for the last. ax: axes of cartopy,
+    which keep projection, extent and title; None for a new figure with titles and a caption.
 
     Raises ConfigError for a missing field, and for axes that are not of cartopy.
     """
@@ -134,12 +134,12 @@ def animate_file(
     rate: float = 8.0,
     overwrite: bool = False,
 ) -> Path:
-    """Draw all frames of a run as a film, with one scale of colours.
+    """Draw all frames of a run as a film, with one colour scale.
 
-    field, look: as for `plot_file`. out: ends in .mp4, which needs the package imageio-ffmpeg, or
-    in .gif; None: beside the file. rate: frames per second. overwrite: replace an existing film.
-    Returns out, which gets its name when it is complete. Raises ConfigError if the file cannot be
-    read or has less than two frames, or if the film cannot be written.
+    field, look: as for `plot_file`. out: a name ending in .gif, or in .mp4, which needs the package
+    imageio-ffmpeg; None: an .mp4 beside the file. rate: frames per second. overwrite: replace an
+    existing film. Returns out; the file gets its name when it is complete. Raises ConfigError if
+    the run cannot be read or has fewer than two frames, or if the film cannot be written.
     """
     source = RunFile(path)
     field = check_field(field or default_field(source), source.about)
@@ -160,9 +160,9 @@ class Film(FuncAnimation):
 
     @classmethod
     def of(cls, source: Nodal, field: str, look: Look, rate: float) -> Self:
-        """Draw all frames of a source with one scale of colours, so many a second."""
+        """Return the film of all frames of a source with one colour scale; rate: per second."""
         if source.times.size < 2:
-            raise ConfigError(f"{source.path} holds less than two frames: run with a smaller every")
+            raise ConfigError(f"{source.path} has fewer than two frames: run with a smaller every")
         figure = new_figure()
         axes = new_map(figure, look)
         figure.set_size_inches(*size(axes))
@@ -181,7 +181,7 @@ class Film(FuncAnimation):
 
 
 def _film_writer(out: Path, rate: Any) -> PillowWriter | FFMpegWriter:
-    """Return the writer of a film; settings of matplotlib give the path of the encoder."""
+    """Return the writer of a film; for .mp4 it sets the path of the encoder in matplotlib."""
     if out.suffix not in (".mp4", ".gif"):
         raise ConfigError(f"cannot draw {out}: give a name ending in .mp4 or .gif")
     if not 0.1 <= rate <= 120.0:
@@ -199,10 +199,10 @@ def _film_writer(out: Path, rate: Any) -> PillowWriter | FFMpegWriter:
 
 
 class LivePicture:
-    """Draws a field over the previous picture: a map of longitude by latitude, two rows per line.
+    """Map in the terminal that each `draw` replaces: longitude by latitude, two rows per line.
 
-    field: its name, or "auto" for the scene's default. own: names of user-defined fields. Raises
-    ConfigError for an unknown field.
+    field: name of the field, or "auto" for the default of the scene. own: names of custom fields.
+    Raises ConfigError for an unknown field.
     """
 
     def __init__(self, field: str, own: Iterable[str] = ()) -> None:
@@ -219,14 +219,14 @@ class LivePicture:
             )
 
     def draw(self, frame: Nodal, time: float, caption: str) -> None:
-        """Draw the frame of a time [s]; the caption is completed with the field and its range."""
+        """Draw a frame at a time [s]; the field and its range are appended to the caption."""
         first = self._drawing is None
         if self._drawing is None:
             name = default_field(frame) if self._field == "auto" else self._field
             self._drawing = Drawing(frame, name, Look(contours=False), self._grid())
         self._drawing.source = frame
         values, kind = self._drawing.values(time), self._drawing.kind
-        low, high = limits(values, kind)  # one scale of colours, which widens if necessary
+        low, high = limits(values, kind)  # one colour scale, which widens if necessary
         self._low, self._high = min(low, self._low), max(high, self._high)
         share = (values[::-1] - self._low) / (self._high - self._low)
         colours = self._drawing.colours(share, bytes=True)[..., :3]
@@ -243,8 +243,8 @@ class LivePicture:
         self._console.print(caption[: self._console.width - 1].ljust(self._console.width - 1))
 
     def _grid(self) -> MapGrid:
-        """Return a map of longitude by latitude with an even number of rows."""
-        # three lines are left for the caption and the prompt
+        """Return a grid of longitude by latitude with an even number of rows."""
+        # three lines remain for the caption and the prompt
         width, height = min(self._console.width, 160), self._console.height - 3
         rows = max(2 * (min((width + 1) // 2, 2 * height) // 2), 4)
         lon, lat = np.meshgrid(
