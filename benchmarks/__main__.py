@@ -5,7 +5,7 @@
     python -m benchmarks performance peers   the same for these parts
     python -m benchmarks --pages             only write the pages, from the stored tables
 
-Parts run one after the other, each script in a process of its own.  A script stores each section
+Parts run one after the other, each script in a separate process.  A script stores each section
 in `benchmarks/results` as soon as it is finished, so that the same command resumes after an
 interrupt.
 """
@@ -37,9 +37,9 @@ class Part(NamedTuple):
     page: str
     """File in `docs` without its ending."""
     duration: str
-    """About how long it takes, where it has been timed."""
+    """Approximate duration of the part; empty if it has not been timed."""
     scripts: tuple[str, ...]
-    """Arguments of Python, one after the other."""
+    """Arguments of one Python process each, run one after the other."""
     tables: tuple[str, ...] = ()
     """Files of `benchmarks/results` that the scripts write."""
 
@@ -122,7 +122,7 @@ def main(
 
 
 def _run(name: str, script: str) -> None:
-    """Run a script of a part, unless the code that it measures is the stored one."""
+    """Run a script of a part, unless its stored results are those of the current code."""
     cases = name in CASES and script == PARTS[name].scripts[0]
     if cases and is_current(cases_stamp(name)):
         return
@@ -165,7 +165,7 @@ def store_cases(name: str, numbers: Path, seconds: float) -> None:
 
 
 def _flat(row: Mapping[str, Any]) -> dict[str, str]:
-    """Return a row of `--json` of `swe-sphere verify` or `stress` as cells."""
+    """Return a row of `swe-sphere verify --json` or `stress --json` as cells by column."""
     texts = row.get("case") or row["name"], row["status"], row["reason"] or ""
     if "numbers" in row:
         numbers, texts = row["numbers"], (*texts[:2], row["stopped"])

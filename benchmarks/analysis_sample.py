@@ -2,9 +2,9 @@
 
     python benchmarks/analysis_sample.py
 
-No analysis of the atmosphere, but a state of this model: two days after the synthetic start of
-williamson7, on a grid of 5 degrees, with names, dimensions, units and packing as files of ERA5 have
-them.
+The file is not an analysis of the atmosphere but a state of this model two days after the synthetic
+initial state of williamson7, on a grid of 5 degrees.  Names, dimensions, units and packing are as
+in files of ERA5.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ AXES = {
     "longitude": (np.arange(0.0, 360.0, 5.0), "degrees_east"),
 }
 MEAN = 5500.0
-"""Height [m] in the place of the model's mean depth, about that of 500 hPa."""
+"""Height [m] that replaces the mean depth of the model: roughly that of 500 hPa."""
 
 
 def main() -> None:

@@ -1,12 +1,12 @@
-"""Disks that fail at each write in turn: what the program says, and what it leaves.
+"""Disks that fail at each write in turn: the messages of the program, and the files that it leaves.
 
     python benchmarks/attack_disk.py [--part 1/4] [--only NAME] [--errors EIO,ENOSPC,EDQUOT]
 
-Each command is run again and again in a forked process whose n-th call that writes, truncates,
-syncs or renames a file in its folder fails: once with EIO, and from that call on with ENOSPC and
-EDQUOT.  Part i of n takes every n-th call, beginning with the i-th.  A case fails if it ends with a
-traceback, an unexpected error, more or less than one line, or status 0 without its result, or if a
-file that existed before cannot be read afterwards.
+Each command runs repeatedly in a forked process whose n-th call that writes, truncates, syncs or
+renames a file in its folder fails.  With EIO only this call fails; with ENOSPC and EDQUOT all later
+calls fail too.  Part i of n tests every n-th call, beginning with the i-th.  A case fails if it
+ends with a traceback, an unexpected error, more or less than one line, or status 0 without its
+result, or if a file that existed before cannot be read afterwards.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ COMMANDS = {
         "s/index.html",
     ),
 }  # fmt: skip
-"""Commands, and what they leave."""
+"""Commands, and the file that each leaves."""
 
 
 def run(words: list[str]) -> int:
-    """Run the program; return its status."""
+    """Run the program; return its exit status."""
     try:
         program.main(words)
     except SystemExit as end:
@@ -59,7 +59,7 @@ def run(words: list[str]) -> int:
 
 
 def forked(folder: Path, words: list[str], call: int, kind: str) -> tuple[int, str, int]:
-    """Status and messages of a command whose call of that number fails, and how many it makes."""
+    """Return status, messages and number of calls of a command whose call `call` fails."""
     shim, (error, on) = ctypes.CDLL(None), ERRORS[kind]
     reading, notes = os.pipe()
     child = os.fork()
@@ -83,7 +83,7 @@ def forked(folder: Path, words: list[str], call: int, kind: str) -> tuple[int, s
 
 
 def fault(folder: Path, name: str, status: int, told: str) -> str:
-    """Return what is wrong with the end of a command, or an empty text."""
+    """Return what is wrong with the way a command ended; empty if nothing is."""
     lines = [line for line in told.splitlines() if "warning:" not in line]
     if status not in (0, 1, 2) or "Traceback" in told or "unexpected" in told:
         return f"status {status}: {told.strip()[:400]}"
@@ -98,7 +98,7 @@ def fault(folder: Path, name: str, status: int, told: str) -> str:
 
 
 def fresh(sound: Path, work: Path) -> Path:
-    """Return the folder of a case, with sound files."""
+    """Return the new folder of a case, with a copy of the valid files."""
     shutil.rmtree(work, ignore_errors=True)
     shutil.copytree(sound, work)
     return work

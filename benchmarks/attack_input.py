@@ -2,11 +2,11 @@
 
     python benchmarks/attack_input.py [--cases 2000] [--seed 1] [--only KIND]
 
-Cases are made from sound input by faults: flags of all commands, TOML files of runs, scenes and
-sweeps, Python files with scenes and steppers, checkpoints, netCDF files and Zarr stores of frames.
+Cases are valid inputs into which faults are inserted: flags of all commands, TOML files of runs,
+scenes and sweeps, Python files with scenes and steppers, checkpoints, netCDF files and Zarr stores.
 They run in one process, so that most of them take milliseconds.  A case fails if it ends with a
-traceback, with an error that nobody expected, without a line that says why, after a minute, or
-with status 0 though its input is wrong.
+traceback, with an unexpected error, without a line that states the reason, after a minute, or with
+status 0 although its input is wrong.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ from swe_sphere.pictures import plot
 from swe_sphere.simulation.simulation import Simulation
 
 SECONDS = 60
-"""Time after which a case counts as one that hangs."""
+"""Time [s] after which a case counts as hanging."""
 WRONG = (
     "", " ", "x", "nan", "inf", "-inf", "1e400", "-1", "0x10", "1,2", "[1]", "{}", "None", "true",
     "9" * 400, "1e-400", "\u0660", "x/y", "a" * 300, "\udcff", "--", "'", "%s", "{0}", "\x1b[31m",
     "\n",
 )  # fmt: skip
-"""Texts that are no value of most flags."""
+"""Texts that are invalid values of most flags."""
 VALUES: tuple[Any, ...] = (
     True, -1, 0, 2**70, 1.5, -1.0, 1e300, "x", "", "\u20ac", [], [1], ["x"], [[1]], {}, {"a": 1},
     None,
@@ -96,7 +96,7 @@ PYTHON = {
 
 @dataclass
 class Case:
-    """A command line; is_wrong: whether its input cannot be right."""
+    """Command line of a case; is_wrong: True if its input is certainly invalid."""
 
     kind: str
     words: list[str]
@@ -104,13 +104,13 @@ class Case:
 
 
 class Attack:
-    """Makes cases in the folder it stands in, from a run in the folder beside it."""
+    """Builds cases in the current folder from a valid run in the folder beside it."""
 
     def __init__(self, seed: int, sound: Path) -> None:
         self.chance, self.sound = random.Random(seed), sound
 
     def flags(self) -> Case:
-        """A command with a flag, or two, whose value is no value."""
+        """Return a command with one or two flags that have invalid values."""
         command = self.chance.choice([*FLAGS])
         words = {
             "run": ["williamson2", *SMALL], "advise": ["williamson2"], "compare": ["run.nc"] * 2,
@@ -139,7 +139,7 @@ class Attack:
             (shutil.copytree if path.is_dir() else shutil.copy)(path, path.name)
 
     def _text(self, text: str) -> str:
-        """A text with a few bytes that were lost, doubled, exchanged or replaced."""
+        """Return the text with a few bytes removed, doubled, exchanged or replaced."""
         for _ in range(self.chance.randint(1, 3)):
             at, length = self.chance.randrange(len(text)), self.chance.randint(1, 8)
             part = text[at : at + length]
@@ -148,7 +148,7 @@ class Attack:
         return text
 
     def _table(self, text: str) -> str:
-        """A TOML text with one value that is replaced."""
+        """Return the TOML text with one value replaced."""
         lines = text.splitlines()
         places = [k for k, line in enumerate(lines) if "=" in line]
         key = lines[at := self.chance.choice(places)].partition("=")[0]
@@ -157,7 +157,7 @@ class Attack:
         return "\n".join(lines) + "\n"
 
     def toml(self) -> Case:
-        """A run, scene or sweep from a TOML file with faults."""
+        """Return a run, scene or sweep from a TOML file with faults."""
         which = self.chance.choice([*TOML])
         change = self.chance.choice([self._text, self._table])
         data = change(TOML[which]).encode("utf-8", "surrogateescape")
@@ -171,7 +171,7 @@ class Attack:
         return Case("TOML", words, False)
 
     def python(self) -> Case:
-        """A scene or a stepper in a Python file with faults."""
+        """Return a command that uses a scene or stepper in a Python file with faults."""
         which = self.chance.choice([*PYTHON])
         text = self._text(PYTHON[which])
         Path("mine.py").write_bytes(text.encode("utf-8", "surrogateescape"))
@@ -179,7 +179,7 @@ class Attack:
         return Case("Python", ["run", *words, *SMALL], False)
 
     def checkpoint(self) -> Case:
-        """A restart from a checkpoint with a fault in a value, an array or a byte."""
+        """Return a restart from a checkpoint with a fault in a value, an array or a byte."""
         self._run_files()
         path = checkpoint_path(Path("run.nc"))
         if self.chance.random() < 0.3:
@@ -222,7 +222,7 @@ class Attack:
         path.write_bytes(data[:size])
 
     def frames(self) -> Case:
-        """A command on a netCDF file or a Zarr store of frames with a fault."""
+        """Return a command that reads a netCDF file or Zarr store of frames with a fault."""
         self._run_files()
         file = "run.zarr" if (store := self.chance.random() < 0.3) else "run.nc"
         if store:
@@ -261,7 +261,7 @@ class Attack:
 
 
 class Late(BaseException):
-    """A case takes too long."""
+    """Raised if a case takes too long."""
 
 
 @contextmanager
@@ -280,7 +280,7 @@ def limited() -> Iterator[None]:
 
 
 def verdict(case: Case) -> str:
-    """Run a case; return what is wrong with how it ends, or an empty text."""
+    """Run a case; return what is wrong with the way it ended, empty if nothing is."""
     out, err = io.StringIO(), io.StringIO()
     status: object = None
     try:
@@ -307,7 +307,7 @@ def verdict(case: Case) -> str:
 
 
 def sound_run(folder: Path) -> None:
-    """Make the files that are spoiled."""
+    """Write the valid files that the cases damage."""
     folder.mkdir()
     for name in ("run.nc", "run2.nc", "run.zarr"):
         sim = Simulation("williamson2", ne=2, np=4, dt=1800.0)

@@ -1,4 +1,4 @@
-"""What hyperviscosity costs: steps, CPU time and errors of steppers that have it apart or whole.
+"""Cost of hyperviscosity: steps, CPU time and errors of steppers that apply it apart or as a whole.
 
 python benchmarks/diffusion.py --write docs/explanation/time_integration.md
 """
@@ -38,13 +38,13 @@ IMPLICIT, STEPS = "tr-bdf2", (1800.0, 3600.0, 7200.0, 14400.0)
 CASES = {"williamson5": 16, "galewsky": 16}
 NAMES = ("rk4", "kg5", "forward-backward", "leapfrog", "semi-implicit", "ark2", "ars343")
 BATCH = 10
-"""Steps that are timed at once."""
+"""Number of steps that are timed together."""
 FINE = 8
-"""Steps of the run without an error in time, in one of rk4."""
+"""Number of steps of the time-converged reference run per automatic step of rk4."""
 
 
 class Pair:
-    """One scene on one mesh, without hyperviscosity and with that of the mesh."""
+    """One scene on one mesh, without hyperviscosity and with the default one of the mesh."""
 
     def __init__(self, name: str, ne: int) -> None:
         scene, self.mesh = get_scene(name), Mesh.build(ne, 4)
@@ -54,7 +54,7 @@ class Pair:
         self._exact = self._after_a_day("rk4", self.automatic("rk4", self.thick) / FINE)
 
     def automatic(self, name: str, model: Model, at_stages: bool = False) -> float:
-        """The automatic step [s], were hyperviscosity taken at the stages or as it is."""
+        """Return the automatic step [s]; at_stages: as if stages evaluated hyperviscosity."""
         kind, start = STEPPERS[name], model.initial_state()
         wave = kind.spectrum(model, start)
         more = model.spectrum(start).dissipation if at_stages else wave.dissipation
@@ -64,7 +64,7 @@ class Pair:
         return self.thick.fields(a_day(STEPPERS[name](self.thick, DAY / np.ceil(DAY / dt))).state)
 
     def row(self, name: str, rounds: int) -> list[str]:
-        """What one stepper does here."""
+        """Return the row of one stepper; rounds: number of pairs of timed batches."""
         free, now = (self.automatic(name, model) for model in (self.plain, self.thick))
         within = self.automatic(name, self.thick, at_stages=True)
         pair = [started(name, model, free) for model in (self.plain, self.thick)]
@@ -78,7 +78,7 @@ class Pair:
         ]  # fmt: skip
 
     def implicit_row(self, dt: float) -> list[str]:
-        """What an implicit stepper does with steps of dt [s], over a day."""
+        """Return the row of the implicit stepper with steps of dt [s] over a day."""
         kind, counts, times, found = STEPPERS[IMPLICIT], [], [], []
         for model, how in ((self.plain, "whole"), (self.thick, "whole"), (self.thick, "apart")):
             a_day(kind(model, dt, diffusion=how))  # compiles
@@ -96,7 +96,7 @@ class Pair:
 
 
 def a_day(stepper: Stepper) -> Stepper:
-    """The stepper after a day."""
+    """Return the stepper after a day from the initial state."""
     stepper.start(stepper.model.initial_state())
     for _ in range(round(DAY / stepper.dt)):
         stepper.step()
@@ -104,7 +104,7 @@ def a_day(stepper: Stepper) -> Stepper:
 
 
 def started(name: str, model: Model, dt: float) -> Stepper:
-    """A stepper that has warmed up."""
+    """Return a stepper of that name after a first batch of steps, which loads kernels."""
     stepper = STEPPERS[name](model, dt)
     stepper.start(model.initial_state())
     seconds(stepper)
@@ -112,7 +112,7 @@ def started(name: str, model: Model, dt: float) -> Stepper:
 
 
 def seconds(stepper: Stepper) -> float:
-    """CPU time of a batch of steps [s]."""
+    """Return the CPU time [s] of `BATCH` steps."""
     began = time.process_time()
     for _ in range(BATCH):
         stepper.step()

@@ -1,10 +1,10 @@
-"""What each effect costs: arrays, loads, operations and time of one right-hand side.
+"""Cost of each effect: arrays, loads, operations and time of one right-hand side.
 
     python benchmarks/effect_cost.py [--rounds 25] [--steps] [--write docs/reference/effects.md]
 
 Arrays, loads and operations are counted in the generated code (`generated.py`); times are CPU times
-of batches that alternate with and without the effect, so that a busy moment of the machine meets
-both, and the figure is the median of the ratios.  Writing replaces the table of the page and leaves
+of batches that alternate with and without the effect, so that other load on the machine affects
+both.  The tables show the median of the ratios.  --write replaces the table of the page and keeps
 its prose.
 """
 
@@ -57,13 +57,13 @@ HEAD = ("effect", "compared with", "kernels", "arrays", "loads", "flops", "time"
 
 
 def forced(lon: np.ndarray, lat: np.ndarray, t: float) -> tuple[np.ndarray, ...]:
-    """A forcing of wind and depth that changes in time."""
+    """Return a forcing of wind and depth that changes in time."""
     phase = lon - 1e-4 * t
     return 1e-5 * np.cos(lat) * np.sin(phase), 1e-5 * np.cos(phase), 1e-3 * np.cos(lat)
 
 
 def cases() -> Iterator[tuple[str, str, Scene, Scene | None]]:
-    """Names of an effect and of what it is compared with, and scenes with and without it."""
+    """Yield the names of an effect and its reference, and scenes with and without the effect."""
     whole = get_scene("williamson5")
     plain = whole.without_effect("orography")
     yield "all of williamson5", "", whole, None
@@ -95,7 +95,7 @@ def cases() -> Iterator[tuple[str, str, Scene, Scene | None]]:
 
 
 class Measured:
-    """A scene's right-hand side: what its kernels hold, and how long it takes."""
+    """Right-hand side of a scene: the contents of its kernels, and its CPU time."""
 
     def __init__(self, scene: Scene) -> None:
         mesh = Mesh.build(NE, NP)
@@ -104,16 +104,16 @@ class Measured:
         self._state, self._out = self._model.initial_state(), self._model.zeros()
         self.kernels = len(launches)
         self.arrays = sum(arrays(arguments) for _, _, arguments in launches)
-        """Array arguments of all kernels, members of structures included."""
+        """Number of array arguments of all kernels, including members of structures."""
         self.cost = Cost()
-        """Per node of the state."""
+        """Loads, stores and operations per node of the state."""
         for kernel, threads, _ in launches:
             self.cost += cost(kernel, mesh.nodes.size / mesh.size) * (threads / mesh.size)
         self._times = 3
         self._times = max(3, round(BATCH / min(self.seconds() for _ in range(3))))
 
     def seconds(self) -> float:
-        """CPU time of one right-hand side, over a batch at different times of the scene."""
+        """Return the mean CPU time [s] of a right-hand side over a batch of scene times."""
         start = time.process_time()
         for i in range(self._times):
             self._model.tendency(self._state, float(i), self._out)
@@ -140,7 +140,7 @@ def step_ratio(name: str, ne: int, np_: int, rounds: int) -> str:
 
 
 def seconds_of(stepper: Any, cycle: int) -> float:
-    """CPU time of a step, over at least one cycle."""
+    """Return the mean CPU time [s] of a step over at least one cycle of the penalty."""
     steps, start = 0, time.process_time()
     while steps == 0 or time.process_time() - start < BATCH:
         for _ in range(cycle):
@@ -150,7 +150,7 @@ def seconds_of(stepper: Any, cycle: int) -> float:
 
 
 def recorded(model: Model) -> list[tuple[Any, int, tuple[Any, ...]]]:
-    """Kernel, threads and arguments of all that a right-hand side launches."""
+    """Return kernel, number of threads and arguments of each launch of a right-hand side."""
     state, out = model.initial_state(), model.zeros()
     launches: list[tuple[Any, int, tuple[Any, ...]]] = []
     launch = Launcher.__call__
@@ -168,7 +168,7 @@ def recorded(model: Model) -> list[tuple[Any, int, tuple[Any, ...]]]:
 
 
 def arrays(arguments: tuple[Any, ...]) -> int:
-    """Arrays among the arguments of a kernel, and in the structures among them."""
+    """Return the number of array arguments of a kernel, including those in structures."""
     found = 0
     for argument in arguments:
         found += isinstance(argument, wp.array) and argument.size > 0
@@ -188,7 +188,7 @@ class Row:
     ratios: list[float] = field(default_factory=list)
 
     def batch(self) -> None:
-        """Measure once more, one after the other."""
+        """Time one more batch with and one without the effect."""
         if self.without is None:
             self.ratios.append(1e9 * self.with_it.seconds())
             return
@@ -196,7 +196,7 @@ class Row:
         self.ratios.append(first / self.without.seconds())
 
     def cells(self) -> list[str]:
-        """The row of the table."""
+        """Return the row of the table."""
         mine, zero = self.with_it, Cost()
         other = self.without or mine
         loads, flops = (

@@ -24,7 +24,7 @@ COURANT = (0.25, 0.5, 1.0, 2.0)
 
 
 def exponential() -> Section:
-    """williamson5 for 15 days, as the others are raced."""
+    """Errors and cost of exponential steppers over 15 days of williamson5."""
     mesh = Mesh.build(16, 4)
     limit = Simulation("williamson5", mesh=mesh, stepper="rk4").plan.dt
     asked = [("rk4", limit)] + [(name, dt) for name, steps in STEPS.items() for dt in steps]
@@ -62,7 +62,7 @@ def _outcome(name: str, dt: float, runs: list[Run], rk4: np.ndarray) -> list[str
 
 
 def exponential_steps() -> Section:
-    """Where multistep exponential schemes stop being accurate, and stable."""
+    """Errors of exponential steppers by the Courant number, up to the loss of stability."""
     rows = []
     for scene, ne, days in (("williamson6", 12, 10.0), ("galewsky", 16, 6.0)):
         mesh = Mesh.build(ne, 4)

@@ -4,7 +4,7 @@
     python benchmarks/forward_backward.py --strong      those for strong winds
     python benchmarks/forward_backward.py --seed 3
 
-A wave exp(ikx) on a wind U obeys dh/dt = -i (U k) h - i (c k) u, du/dt = -i (U k) u - i (c k) h,
+A wave exp(ikx) in a wind U obeys dh/dt = -i (U k) h - i (c k) u, du/dt = -i (U k) u - i (c k) h,
 and vorticity dv/dt = -i (U k) v.  The search looks for the arguments of `level_weights` that allow
 the longest steps k (c + U) dt, in the mean over winds up to U/c = 0.2, or over strong ones, under
 these conditions: second order, a bound on the error of a wave in a radian, and no b below 1/5.
@@ -24,19 +24,19 @@ from scipy.optimize import differential_evolution
 from swe_sphere.steppers.forward_backward import ForwardBackward
 
 WINDS, STRONG = (0.0, 0.05, 0.1, 0.15, 0.2), (0.2, 0.25, 0.33)
-"""U/c of the search."""
+"""Values of U/c over which the search averages: weak winds, strong winds."""
 SHOWN = (*WINDS, *STRONG[1:])
 STEPS = np.linspace(0.025, 1.85, 74)
 LEAST = 0.2
 BOUND = 3e-4
-"""On the error in a radian at 0.1 radians a step, in the weakest and in the strongest wind."""
+"""Bound on the error per radian at 0.1 radians a step, in the weakest and the strongest wind."""
 
 Weights = tuple[tuple[float, float], tuple[float, ...]]
 """b of the winds and of the masses; weights of the new depth and the two or three before it."""
 
 
 def weights(wind: float, mass: float, gamma: float) -> Weights:
-    """Those of second order with three depths."""
+    """Return the weights of second order with three depths; arguments as for `level_weights`."""
     return (wind, mass), (0.5 + gamma, 0.5 - 2.0 * gamma, gamma)
 
 
@@ -55,9 +55,9 @@ SETS: dict[str, Weights] = {
 def step_matrix(
     chosen: Weights, c: NDArray[np.float64], u: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
-    """(..., 9, 9): three levels each of h, of the wind along the wave and of that across.
+    """Return the matrices of a step (..., 9, 9): three levels each of h and both wind components.
 
-    c, u: frequencies of waves at rest and of the wind, in radians a step.
+    c, u: phases k c dt of waves at rest and k U dt of the wind, in radians a step.
     """
     (wind, mass), depth = chosen
     flows, masses = (np.array([1.5 + b, -0.5 - 2.0 * b, b]) for b in (wind, mass))
@@ -75,7 +75,7 @@ def step_matrix(
 
 
 def limits(chosen: Weights, winds: tuple[float, ...]) -> NDArray[np.float64]:
-    """Largest k (c + U) dt up to which nothing grows, in each wind."""
+    """Return for each wind the largest k (c + U) dt up to which no mode grows."""
     wind = np.array(winds)
     c = STEPS[:, None] / (1.0 + wind)
     stable = np.abs(np.linalg.eigvals(step_matrix(chosen, c, c * wind))).max(axis=-1) < 1.0 + 1e-7
@@ -84,7 +84,7 @@ def limits(chosen: Weights, winds: tuple[float, ...]) -> NDArray[np.float64]:
 
 
 def error(chosen: Weights, wind: float, radians: float = 0.1) -> float:
-    """Relative error of either wave in a radian, with so many radians a step."""
+    """Return the larger relative error of both waves per radian; radians: of a step."""
     c = np.array(radians / (1.0 + wind))
     values = np.linalg.eigvals(step_matrix(chosen, c, c * wind))
     exact = np.exp(-1j * c * (wind + np.array([1.0, -1.0])))
@@ -92,7 +92,7 @@ def error(chosen: Weights, wind: float, radians: float = 0.1) -> float:
 
 
 def cost(numbers: NDArray[np.float64], winds: tuple[float, ...]) -> float:
-    """What the search makes small."""
+    """Return the objective that the search minimises."""
     chosen = weights(*numbers)
     worst = max(error(chosen, winds[0]), error(chosen, winds[-1]))
     return float(10.0 * max(0.0, worst / BOUND - 1.0) - limits(chosen, winds).mean())

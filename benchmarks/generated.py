@@ -1,11 +1,11 @@
 """Loads and floating-point operations counted in the C++ that Warp generates for a kernel.
 
-Every call of an arithmetic function counts by the width of its result, every access to an array by
-the width of what is read or written, and all of it by the trip counts of the loops around (once
-where the code does not say them: over tracers) and by the calls of the function it stands in.  What
-the compiler saves later is not seen.  The work arrays of an element and the tables of the np GLL
-points, which stay in the first-level cache, do not count as loads.  It is for kernels of one thread
-a node: those for CPUs have loads and sums in C++ of their own, which are not looked into.
+Each call of an arithmetic function counts by the width of its result, and each array access by the
+width of the value.  Both are multiplied by the trip counts of the enclosing loops (once if the code
+does not state the count: loops over tracers) and by the calls of the enclosing function.  Later
+savings of the compiler are not included.  Work arrays of an element and tables of the np GLL
+points, which stay in the first-level cache, do not count as loads.  Only kernels with one thread
+per node are supported: kernels for CPUs contain C++ whose loads and sums are not counted.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ import warp as wp
 FLOPS = {"add": 1, "sub": 1, "mul": 1, "cw_mul": 1, "neg": 1, "div": 1, "max": 1, "sqrt": 1}
 TABLES = ("derivative", "weight")
 CACHED = ("var_d", "var_f")
-"""Parameters of the line sums that are such tables or work arrays."""
+"""Parameters of the line sums that are tables of GLL points or work arrays, and do not count."""
 FUNCTION = re.compile(
     r"^static (?!CUDA_CALLABLE)[\w:<>, ]+? (\w+)\(\n(.*?)\)\n\{(.*?)^\}", re.M | re.S
 )
 NATIVE = re.compile(r"^static CUDA_CALLABLE [\w:<>, ]+? (\w+)\(\n.*?\)\n\{(.*?)\}\n\n", re.M | re.S)
-"""Functions that are C++ in the package too."""
+"""Functions that are written in C++ in the package."""
 KERNEL = re.compile(r"^\w+ ?\w* (\w+_cpu_kernel_forward)\(\n(.*?)\)\n\{(.*?)^\}", re.M | re.S)
 DECLARED = re.compile(r"^ *(?:const )?(\w[\w:<>, ]*?[*&]?) (var_\w+)(?: = [^;]+)?;$", re.M)
 ASSIGNED = re.compile(r"(\w+) = wp::(\w+)\((.*)\);")
 
 
 def source(kernel: wp.Kernel) -> str:
-    """The C++ in Warp's cache that this kernel was built from, without comments."""
+    """Return the generated C++ of a kernel from the cache of Warp, without comments."""
     name = kernel.module.get_module_identifier(block_dim=1)
     text = (Path(wp.config.kernel_cache_dir) / name / f"{name}.cpp").read_text()
     return re.sub(r"//[^\n]*", "", text)
@@ -40,7 +40,7 @@ def source(kernel: wp.Kernel) -> str:
 
 @dataclass(frozen=True)
 class Cost:
-    """Per thread: values loaded from and stored to arrays over nodes, floating-point operations."""
+    """Number of values loaded and stored (arrays over nodes) and of operations, per thread."""
 
     loads: float = 0.0
     stores: float = 0.0
@@ -54,7 +54,7 @@ class Cost:
 
 
 def cost(kernel: wp.Kernel, contributors: float) -> Cost:
-    """What one thread of the kernel does, with so many contributors to a sum of DSS on average."""
+    """Return the cost of one thread; contributors: mean number of elements that share a node."""
     text = source(kernel)
     gather = Cost(loads=contributors, flops=contributors - 1.0)
     known = {m[1]: cost for m in NATIVE.finditer(text) if (cost := _native(m[1], m[2], gather))}
@@ -64,7 +64,7 @@ def cost(kernel: wp.Kernel, contributors: float) -> Cost:
 
 
 def _native(name: str, body: str, gather: Cost) -> Cost | None:
-    """Of a function in C++ for one node; None of others, whose launch shape is not counted."""
+    """Return the cost of a C++ function for one node; None if it is for another launch shape."""
     if name.startswith("leave_of"):
         return Cost(stores=float(re.findall(r"f < (\d+)", body)[0]))
     if name.startswith("shared_lines__locals__line_sum"):  # of rows that threads share
@@ -76,22 +76,22 @@ def _native(name: str, body: str, gather: Cost) -> Cost | None:
 
 
 def _entry(text: str) -> tuple[str, str]:
-    """Parameters and body of the function that runs one thread."""
+    """Return parameters and body of the function that runs one thread."""
     found = [m for m in KERNEL.finditer(text) if "_forward" in m[1]]
     return found[0][2], found[0][3]
 
 
 def width(kind: str) -> int:
-    """Numbers in a value of that C++ type: of vectors of vectors their product."""
+    """Return the number of scalars in a value of a C++ type, also for nested vectors."""
     sizes = re.findall(r"(?:vec_t|mat_t)<(\d+), ?(?:(\d+),)?", kind)
     return math.prod(int(n) for pair in sizes for n in pair if n)
 
 
 class Function:
-    """One function of the generated code."""
+    """Function of the generated code."""
 
     def __init__(self, parameters: str, body: str, known: dict[str, Cost]) -> None:
-        """known: of functions in C++; a sum of DSS has a length that goes with the node."""
+        """Parse a function; known: costs of the functions that are written in C++."""
         given = re.findall(r"([\w:<>, ]+?) (var_\w+)", parameters)
         found = given + DECLARED.findall(body)
         self._types = {name: kind.strip() for kind, name in found if kind.strip() != "return"}
@@ -101,7 +101,7 @@ class Function:
         self._body, self._known = body, known
 
     def cost(self, functions: dict[str, Function]) -> Cost:
-        """Of one call, with the functions that it calls."""
+        """Return the cost of one call, including the functions that it calls."""
         total = Cost()
         trips: list[int] = []
         for line in self._body.splitlines():
@@ -132,7 +132,7 @@ class Function:
         return Cost(flops=self._flops(name, result, arguments))
 
     def _flops(self, name: str, result: str, arguments: str) -> int:
-        """A length is a dot product and a root."""
+        """Return the operations of an arithmetic function; a length is a dot product and a root."""
         if name in ("dot", "length"):
             return 2 * self._width(arguments.split(",")[0])
         return FLOPS.get(name, 0) * self._width(result)

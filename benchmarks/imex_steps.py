@@ -1,4 +1,4 @@
-"""Limits of semi-implicit steppers by bisection, beside their automatic steps, and what they save.
+"""Stability limits of semi-implicit steppers by bisection, their automatic steps, and their cost.
 
 python benchmarks/imex_steps.py [limits] [slow]       both by default: half an hour
 """
@@ -26,7 +26,7 @@ from swe_sphere.testcases import get_scene
 SCENES = ("williamson2", "williamson5", "williamson6", "galewsky")
 MESHES = ("8x4", "16x4", "6x8")
 OTHERS = ("lauter 8x4", "williamson5@5 12x4", "williamson5@2 16x4", "williamson5@2 8x4x4")
-"""Deep valleys, and slow winds over the mountain."""
+"""Scenes and meshes with large variations of depth, and with slow winds over the mountain."""
 NAMES = ("semi-implicit", "ark2", "ars343")
 DAYS, NEARNESS, MUCH, FAST = 5.0, 1.06, 3.0, 20.0
 WIND = 5.0
@@ -57,7 +57,7 @@ def all_limits() -> Section:
 
 
 def limits(scene: str, mesh: str) -> dict[str, Any]:
-    """Automatic steps and limits [s], and rates of advection [s-1] at the start and at the most."""
+    """Return automatic steps and limits [s], and initial and largest rates of advection [s-1]."""
     name, *speed = scene.split("@")
     ne, order, *stretch = map(int, mesh.split("x"))
     fine = {"stretch": float(stretch[0]), "centre": MOUNTAIN} if stretch else {}
@@ -75,13 +75,13 @@ def limits(scene: str, mesh: str) -> dict[str, Any]:
 
 
 def automatic(kind: type[Stepper], model: Model, state: wp.array) -> float:
-    """The automatic step [s]."""
+    """Return the automatic step [s]."""
     spectrum = kind.spectrum(model, state)
     return kind.safety * kind.stable_dt(spectrum.wave, spectrum.dissipation)
 
 
 def strongest(model: Model, state: wp.array) -> float:
-    """Largest rate of advection [s-1], by rk4 on the same mesh."""
+    """Return the largest rate of advection [s-1] in a run of rk4 on the same mesh."""
     stepper = STEPPERS["rk4"](model, automatic(STEPPERS["rk4"], model, state))
     stepper.start(state)
     rates = []
@@ -93,7 +93,7 @@ def strongest(model: Model, state: wp.array) -> float:
 
 
 def bisect(kind: type[Stepper], model: Model, state: wp.array, step: float) -> float:
-    """The longest step that stays stable [s], to 6 %."""
+    """Return the longest stable step [s], to 6 %; step: first guess."""
     low, high = 0.0, np.inf
     while high > NEARNESS * low:
         works = stable(kind, model, state, step)
@@ -103,7 +103,7 @@ def bisect(kind: type[Stepper], model: Model, state: wp.array, step: float) -> f
 
 
 def stable(kind: type[Stepper], model: Model, state: wp.array, dt: float) -> bool:
-    """Whether the wind stays below three times what it was, or slow."""
+    """Return whether the wind stays slow, or below three times its initial maximum."""
     stepper = kind(model, dt)
     stepper.start(state)
     n = model.mesh.size
@@ -119,7 +119,7 @@ def stable(kind: type[Stepper], model: Model, state: wp.array, dt: float) -> boo
 
 
 def slow_wind() -> Section:
-    """Times of the steps and errors of vorticity over the slow flow."""
+    """Cost and errors of vorticity of semi-implicit steppers in a slow wind."""
     model = Model(Mesh.build(16, 4), get_scene("williamson5", speed=WIND))
     state = model.initial_state()
     truth = vorticity(run(STEPPERS["rk4"], model, state, 200.0)[0], model)
@@ -141,7 +141,7 @@ def slow_wind() -> Section:
 
 
 def run(kind: type[Stepper], model: Model, state: wp.array, dt: float) -> tuple[wp.array, float]:
-    """The state at the end, and the seconds that the steps after the first took."""
+    """Return the final state, and the time [s] of all steps but the first."""
     stepper = kind(model, dt)
     stepper.start(state)
     stepper.step()
@@ -152,13 +152,13 @@ def run(kind: type[Stepper], model: Model, state: wp.array, dt: float) -> tuple[
 
 
 def vorticity(state: wp.array, model: Model) -> np.ndarray:
-    """Relative vorticity (N,), weighted by area for norms."""
+    """Return relative vorticity (N,), multiplied by weights so that its norm is an area mean."""
     fields = model.fields(state)
     return np.sqrt(model.mesh.area) * diagnose.vorticity(model.mesh, fields["u"], fields["v"])
 
 
 def cell(step: float, limit: float, explicit: float) -> str:
-    """Automatic step and limit [s], their ratio, and the step over that of rk4."""
+    """Return as text: automatic step and limit [s], their ratio, and the step over that of rk4."""
     return f"{step:.0f} of {limit:.0f} ({step / limit:.2f}; {step / explicit:.1f} × rk4)"
 
 

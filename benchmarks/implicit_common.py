@@ -1,4 +1,4 @@
-"""What the sections of the page on implicit steppers share: runs and timings."""
+"""Runs and timings that the sections of the page on implicit steppers share."""
 
 from __future__ import annotations
 
@@ -22,29 +22,29 @@ from swe_sphere.simulation.simulation import Simulation
 
 DAYS = 15.0
 MOUNTAIN = (270.0, 30.0)
-"""Longitude and latitude [degrees] of that of williamson5."""
+"""Longitude and latitude [degrees] of the mountain of williamson5."""
 
 
 @dataclass
 class Run:
-    """What one run cost and where it ended."""
+    """Cost and final state of one run."""
 
     sim: Simulation
     rhs_seconds: float
-    """CPU time of one right-hand side [s], from before and after the run."""
+    """CPU time of one right-hand side [s]: mean of measurements before and after the run."""
     energy_drift: list[float]
-    """Relative change of energy since the start, each day."""
+    """Relative change of energy since the initial state, once a day."""
 
     @property
     def counts(self) -> str:
-        """Newton and Krylov iterations a step."""
+        """Newton and Krylov iterations per step, as text."""
         steps, counters = self.sim.steps, self.sim.stepper.counters
         newton = counters.get("newton_iterations", 0) / steps
         return f"{newton:.1f} / {counters.get('krylov_iterations', 0) / steps:.1f}"
 
 
 def run(scene: str, mesh: Mesh, name: str, dt: float, days: float, **options: Any) -> Run:
-    """Run a stepper from the scene's initial state; the time for the energies does not count."""
+    """Run the stepper `name` with steps of dt [s]; energy diagnostics are not timed."""
     steps = math.ceil(days * DAY / dt - 1e-9)
     sim = Simulation(scene, mesh=mesh, stepper=name, options=options)
     sim.begin(RunPlan(dt, steps, steps, dt))
@@ -58,22 +58,22 @@ def run(scene: str, mesh: Mesh, name: str, dt: float, days: float, **options: An
 
 @dataclass
 class Energies(Observer):
-    """Keeps the relative change of energy about every day, and at the end."""
+    """Records the relative change of energy about once a day, and at the end."""
 
     every: int
     drifts: list[float] = field(default_factory=list)
 
     def due(self, step: int) -> bool:
-        """Once a day."""
+        """Return True about once a day."""
         return step % self.every == 0
 
     def observe(self, snapshot: Snapshot) -> None:
-        """Keep it."""
+        """Record the relative change of energy."""
         self.drifts.append(snapshot.diagnostics["energy_drift"])
 
 
 def _rhs_seconds(model: Model) -> float:
-    """CPU time of one right-hand side [s]: the median of batches."""
+    """Return the CPU time of one right-hand side [s]: the median of batches."""
     state, out = model.initial_state(), model.zeros()
     [seconds] = interleaved(
         lambda: model.tendency(state, 0.0, out), rounds=10, batch=30, clock=time.process_time
@@ -87,7 +87,7 @@ def interleaved(
     batch: int = 10,
     clock: Callable[[], float] = time.perf_counter,
 ) -> list[float]:
-    """Median seconds of each call, measured in turns."""
+    """Return the median time [s] of each call; the calls are measured in turns."""
     seconds: list[list[float]] = [[] for _ in calls]
     with threadpool_limits(1, user_api="blas"):
         for _ in range(rounds):

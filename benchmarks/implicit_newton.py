@@ -1,4 +1,4 @@
-"""Section on Newton's method: the first forcing term, and what guesses follow."""
+"""Sections on Newton's method: forcing terms, and the initial guesses of stages."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ FORCING_RUNS = {
     "williamson6": (("tr-bdf2", 3600.0),),
 }  # fmt: skip
 CHOICES = ((0.1, 0.0), (1e-15, 0.0), (0.02, 0.0), (0.02, 0.5), (0.02, 0.75), (0.02, 1.0))
-"""First forcing term, and part of the change of slope that guesses of stages follow."""
+"""First forcing term, and fraction of the change of slope that the guesses of stages include."""
 
 
 def newton() -> Section:
@@ -57,7 +57,7 @@ def newton() -> Section:
 
 
 def fixed(eta: float) -> Forcing:
-    """One forcing term for all, but never further than half of what is wanted."""
+    """Return a constant forcing term that never asks for less than half the required residual."""
     return lambda norm, target, _: max(eta, 0.5 * target / norm)
 
 

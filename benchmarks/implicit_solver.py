@@ -1,4 +1,4 @@
-"""Sections on the solvers of implicit steppers: iterations and prices."""
+"""Sections on the solvers of implicit steppers: iterations and cost."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from swe_sphere.testcases import get_scene
 
 
 def steady() -> Section:
-    """An exact steady state at ever larger steps."""
+    """Errors of an exact steady state with increasing time steps."""
     scene, mesh = get_scene("williamson2"), Mesh.build(8, 8)
     rows = []
     steps = [(RECOMMENDED, h * HOUR, "helmholtz") for h in (1, 6, 24)]
@@ -41,7 +41,7 @@ def steady() -> Section:
         print(*rows[-1], sep=" | ", flush=True)  # noqa: T201 - a run takes a while
     return Section(
         "williamson2, ne8 np8, 5 days: the error of a steady state does not depend on the step",
-        "A step that the solver cannot take as a whole is divided (rejected).",
+        "A step that the solver cannot solve is rejected and divided into shorter steps.",
         ["stepper", "preconditioner", "Δt [s]", "l2(h)", "l2(V)", "Newton / Krylov a step",
          "rejected", "wall [s]"],
         rows,
@@ -76,7 +76,7 @@ def counts() -> Section:
 
 
 def price() -> Section:
-    """Time of one preconditioner application in right-hand sides."""
+    """Time of one application of each preconditioner, in units of one right-hand side."""
     rows = []
     for ne, np_ in ((16, 4), (32, 4), (8, 8)):
         model, state = _spun_up(Mesh.build(ne, np_), "williamson5")
@@ -104,7 +104,7 @@ def price() -> Section:
 
 
 def long_steps() -> Section:
-    """How the Krylov count behaves as the advective Courant number grows."""
+    """Krylov iterations by the advective Courant number."""
     rows = []
     for scene in ("williamson2", "williamson5", "williamson6", "galewsky"):
         model, before = _spun_up(Mesh.build(8, 4), scene)
@@ -128,20 +128,20 @@ def long_steps() -> Section:
 
 
 def _shortest(mesh: Mesh) -> float:
-    """Shortest distance of two nodes along an element's lines [m]."""
+    """Return the shortest distance of two nodes along coordinate lines of an element [m]."""
     points = mesh.radius * mesh.xyz[mesh.nodes]
     lines = (np.diff(points, axis=axis) for axis in (1, 2))
     return min(float(np.linalg.norm(line, axis=-1).min()) for line in lines)
 
 
 def _spun_up(mesh: Mesh, scene: str, *settings: str) -> tuple[Model, wp.array]:
-    """A scene six hours in, where the start has shed its gravity waves."""
+    """Return model and state of a scene after six hours, when initial gravity waves have spread."""
     model = Model(mesh, apply_settings(get_scene(scene), settings))
     return model, _stepped(model, model.initial_state(), 6.0 * HOUR)
 
 
 def _stepped(model: Model, state: wp.array, duration: float) -> wp.array:
-    """The state so many seconds later, by rk4."""
+    """Return the state after `duration` [s], computed by rk4."""
     spectrum = model.spectrum(state)
     limit = get_stepper("rk4").stable_dt(spectrum.wave, spectrum.dissipation)
     steps = int(np.ceil(duration / (0.85 * limit)))

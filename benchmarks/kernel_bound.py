@@ -1,11 +1,10 @@
-"""Kernels beside C by hand and beside what the machine can do, in ns an element node, on one core.
+"""Time of kernels, of hand-written C and of the machine limits, in ns per element node on one core.
 
     python benchmarks/kernel_bound.py [kernels] [large]
 
-All cases of one mesh and precision are evaluated in turn, one call each, so that a busy moment
-meets all of them.  Meshes have about 25 000 element nodes, whose arrays fit into the last cache;
-in `large` np is 4 and meshes grow from there to a hundred times the size of the second-level
-cache.
+All cases of one mesh and precision are evaluated in turn, one call each, so that other load on the
+machine affects all of them.  Meshes have about 25 000 element nodes, whose arrays fit into the last
+cache.  In `large` np is 4, and meshes grow from this size to 100 times the second-level cache.
 """
 
 from __future__ import annotations
@@ -37,44 +36,44 @@ from swe_sphere.steppers import get_stepper
 from swe_sphere.testcases import get_scene
 
 ELEMENTS = {4: 16, 6: 12, 8: 8, 12: 4}
-"""Elements along a face's edge for each np; those of a mesh fill whole registers."""
+"""Elements along the edge of a cube face for each np; their number fills whole registers."""
 PRECISIONS = {"float64": "double", "float32": "float"}
 SCENE = "williamson5"
 FLAGS = ("-O3", "-march=native", "-ffp-contract=fast", "-mprefer-vector-width=512")
 SOURCE = Path(__file__).with_suffix(".c")
 PARTS = ("local", "DSS", "whole", "stage")
 COPIED = 2 << 20
-"""Bytes of a copy: in the last cache, as the arrays of a mesh."""
+"""Bytes of a copy that fits into the last cache, as the arrays of a mesh do."""
 LARGE = (16, 30, 60, 120)
-"""Elements along a face's edge of `large`."""
+"""Elements along the edge of a cube face in `large`."""
 ROUNDS, ROUNDS_LARGE, ROUNDS_OF_ARITHMETIC = 400, 20, 2000
 
 
 @dataclass
 class Case:
-    """What was measured for one np and precision."""
+    """Measurements for one np and precision."""
 
     ne: int
     np: int
     precision: str
     times: dict[tuple[str, str], list[float]]
-    """ns an element node by who (Warp, C) and part."""
+    """Times [ns per element node] by program (Warp or C) and part."""
     flops: float
-    """Of an element node."""
+    """Floating-point operations per element node."""
     bytes: float
-    """That its right-hand side must move."""
+    """Bytes per element node that a right-hand side must move."""
     bandwidth: float = 0.0
-    """Of a copy, reads and writes [B/ns]."""
+    """Bandwidth of a copy, reads and writes [B/ns]."""
     peak: float = 0.0
-    """Of products and sums [1/ns]."""
+    """Peak rate of products and sums [1/ns]."""
 
     def least(self, who: str, part: str) -> float:
-        """The fastest."""
+        """Return the least time [ns per element node]."""
         return min(self.times[who, part])
 
 
 def counts(mesh: Mesh, size: int) -> tuple[float, float]:
-    """Operations and bytes of an element node: every array once, local tendencies both ways."""
+    """Return operations and bytes per element node; local tendencies are written and read again."""
     unique = mesh.size / mesh.nodes.size
     inner = (mesh.np - 2) ** 2 / mesh.np**2
     rim = unique - inner
@@ -83,7 +82,7 @@ def counts(mesh: Mesh, size: int) -> tuple[float, float]:
 
 
 def compile_bound(np_: int, precision: str, folder: str) -> ctypes.CDLL | None:
-    """The C program, or None where there is no compiler."""
+    """Return the compiled C program as a library; None if no compiler is found."""
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
         return None
@@ -95,7 +94,7 @@ def compile_bound(np_: int, precision: str, folder: str) -> ctypes.CDLL | None:
 
 
 def measure(ne: int, np_: int, precision: str, library: ctypes.CDLL | None, rounds: int) -> Case:
-    """All parts of both, in turn."""
+    """Measure all parts of both programs in turns; return the case."""
     mesh = Mesh.build(ne, np_)
     model = Model(mesh, get_scene(SCENE), precision=precision)
     stepper = get_stepper("rk4")(model, 60.0)
@@ -119,7 +118,7 @@ def measure(ne: int, np_: int, precision: str, library: ctypes.CDLL | None, roun
 
 
 def _ours(model: Model, stepper: object) -> dict[str, Callable[[], object]]:
-    """All recorded, as in runs.  The part "stage" is a whole step of rk4."""
+    """Return the calls of this package by part, with recorded launches; "stage": a step of rk4."""
     state, out, replay = model.initial_state(), model.zeros(), Replay(model.launch)
     local, *dss = recorded(model)
 
@@ -215,7 +214,7 @@ LARGE_HEAD = ["ne", "precision", "right-hand side", "stage of rk4", "over ne 16"
 
 
 def large_rows(cases: list[Case]) -> list[list[str]]:
-    """The least times of a right-hand side and of a quarter of a step of rk4."""
+    """Return rows with the least times of a right-hand side and of a quarter of a step of rk4."""
     rows, first = [], {case.precision: case for case in reversed(cases)}
     for case in cases:
         stage, limit = case.least("Warp", "stage"), case.bytes / case.bandwidth
@@ -237,7 +236,7 @@ def _row(case: Case) -> list[str]:
 
 
 def draw(cases: list[Case], path: Path) -> None:
-    """Operations a nanosecond over operations a byte, under what bandwidth and arithmetic allow."""
+    """Draw operations per ns against operations per byte, below the limits of the machine."""
     figure, both = plt.subplots(1, 2, figsize=(9, 3.8), layout="constrained", sharey=True)
     for axes, precision in zip(both, PRECISIONS, strict=True):
         mine = [case for case in cases if case.precision == precision]
@@ -282,9 +281,9 @@ def kernels() -> Section:
     draw(cases, PAGES / "performance.svg")
     return Section(
         f"A right-hand side of {SCENE} with DSS on one core",
-        "Nanoseconds an element node, beside a program in C that does the same with the same arrays"
-        f" (np known to its compiler, `{' '.join(FLAGS)}`): least of {ROUNDS} calls of each made in"
-        " turns, and the median of the whole.",
+        "Nanoseconds per element node, for this package and for a C program with the same arrays"
+        f" (np known to its compiler, `{' '.join(FLAGS)}`): least time of {ROUNDS} calls, which are"
+        " made in turns, and the median of the whole right-hand side.",
         HEAD,
         [_row(case) for case in cases],
     )

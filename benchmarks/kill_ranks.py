@@ -1,10 +1,10 @@
-"""Ranks killed at random moments: how the job ends, what its file holds, and whether it goes on.
+"""Ranks killed at random times: end of the job, contents of its file, and whether it resumes.
 
     python benchmarks/kill_ranks.py [--kills 10] [--seed 1] [--ranks 4] [--rest 3] [--write FILE.md]
 
 Kills (SIGKILL) one rank of `swe-sphere run --ranks 4` a random time after its file has appeared,
-opens what is left, and goes on in the file on three ranks: all frames must be those of a run that
-was left alone, to the last bit.  Only on Linux: ranks are found in /proc.
+opens its file, and resumes the run in this file on three ranks: all frames must equal those of an
+undisturbed run to the last bit.  Only on Linux: ranks are found in /proc.
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ from kill_runs import frames
 from sections import machine
 
 STEPPERS = {"rk4": 900, "semi-implicit": 1800}
-"""In turns, with their steps [s]."""
+"""Steppers, which are used in turns, with their time steps [s]."""
 RUN = ["run", "williamson5", "--ne=2", "--np=4", "--days=1", "--every=1", "--quiet"]
 MARK = "SWE_SPHERE_KILL_RANKS"
-"""Environment variable by which the processes of a job are known."""
+"""Environment variable that identifies the processes of a job."""
 HEADS = ["kill", "stepper", "rank", "after [s]", "job ended in [s]", "status", "lines on stderr",
-         "frames left, all as they should be", "goes on"]  # fmt: skip
+         "frames left, all as they should be", "resumes"]  # fmt: skip
 
 
 def started(token: str, *arguments: str) -> subprocess.Popen[str]:
-    """A job whose processes carry the token."""
+    """Start a job whose processes have `MARK`=token in their environment."""
     command = [sys.executable, "-m", "swe_sphere", *RUN, *arguments]
     environment = os.environ | {MARK: token}
     return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
 
 
 def alive(token: str, *also: str) -> Iterator[int]:
-    """Processes of a job that have these settings in their environment too."""
+    """Yield the ids of the processes of a job whose environment also contains these settings."""
     wanted = {f"{MARK}={token}", *also}
     for entry in Path("/proc").glob("[0-9]*"):
         try:
@@ -55,23 +55,23 @@ def alive(token: str, *also: str) -> Iterator[int]:
 
 
 def whole_run(out: Path, ranks: int, *arguments: str) -> tuple[xarray.Dataset, float]:
-    """What a run that is left alone writes, and for how long it writes it [s]."""
+    """Return the results of an undisturbed run, and the time from its file to its end [s]."""
     job = started("whole", *arguments, f"--out={out}", f"--ranks={ranks}")
     begin = appeared(out)
     if job.wait():
-        raise SystemExit(f"the run that is left alone fails: {job.communicate()[1]}")
+        raise SystemExit(f"the undisturbed run fails: {job.communicate()[1]}")
     return xarray.load_dataset(out), time.monotonic() - begin
 
 
 def appeared(out: Path) -> float:
-    """When there is a file."""
+    """Wait until the file exists; return the monotonic time [s]."""
     while not out.exists():
         time.sleep(1e-3)
     return time.monotonic()
 
 
 def killed(out: Path, ranks: int, rank: int, delay: float, *arguments: str) -> list[str]:
-    """How the job ended, in words of the table."""
+    """Kill a rank `delay` [s] after the file has appeared; return cells on how the job ended."""
     token = uuid.uuid4().hex
     job = started(token, *arguments, f"--out={out}", f"--ranks={ranks}")
     appeared(out)
@@ -87,7 +87,7 @@ def killed(out: Path, ranks: int, rank: int, delay: float, *arguments: str) -> l
 
 
 def goes_on(out: Path, whole: xarray.Dataset, ranks: int, *arguments: str) -> str:
-    """Whether the run ends on so many ranks with all frames of the other."""
+    """Resume the run on `ranks` ranks; return as text whether all frames equal those of `whole`."""
     job = started("rest", *arguments, f"--restart={out}", f"--out={out}", f"--ranks={ranks}")
     told = job.communicate()[1]
     if job.returncode:
@@ -103,7 +103,7 @@ def main(
     rest: int = 3,
     write: Annotated[Path | None, typer.Option(help="For the table.")] = None,
 ) -> None:
-    """Print the table."""
+    """Kill ranks and print the table."""
     chance, rows = random.Random(seed), [HEADS, ["---"] * len(HEADS)]
     with tempfile.TemporaryDirectory() as name:
         out, wholes = Path(name) / "run.nc", {}

@@ -1,11 +1,11 @@
-"""Runs killed at random moments: what their files hold, and whether they go on bit for bit.
+"""Runs killed at random times: the contents of their files, and whether they resume bit for bit.
 
     python benchmarks/kill_runs.py [--kills 300] [--seed 1] [--folder FOLDER]
 
-Kills `swe-sphere run` (SIGKILL) after a random time while it writes its file, opens what is left
-with netCDF4 and xarray, compares every frame with that of a run that was left alone, and goes on in
-the file, all frames of which must then be those of the other to the last bit.  The runs are forked
-from a process that has loaded all it needs, which saves seconds for each.
+Kills `swe-sphere run` (SIGKILL) after a random time while it writes its file, opens the file with
+netCDF4 and xarray, and compares every frame with that of an undisturbed run.  It then resumes the
+run, whose frames must equal those of the undisturbed run to the last bit.  The runs are forked from
+a process that has loaded all modules and kernels, which saves seconds for each run.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.simulation import run_scene
 
 SCENE = {"scene": "williamson2", "ne": 4, "np": 4, "dt": 600.0, "days": 1.0, "every": 1 / 6}
-"""Frames after every step: most of the time goes into writing."""
+"""Configuration of the runs: a frame after every step, so that writing takes most of the time."""
 COUNTED = (
     "kills", "frames written", "files unreadable", "no checkpoint after the first frame",
     "checkpoints lost", "checkpoint one frame behind", "checkpoint further behind", "restarts",
@@ -44,13 +44,13 @@ FIELDS = ("h", "u", "v", "vorticity", "divergence")
 
 
 def write(out: Path) -> None:
-    """The program with the options of the scene; leaves the process as the program does."""
+    """Run the program with the options of `SCENE`, and exit the process as the program does."""
     options = [f"--{name}={value}" for name, value in SCENE.items() if name != "scene"]
     program(["run", str(SCENE["scene"]), *options, f"--out={out}", "--quiet"])
 
 
 def begun(out: Path) -> int:
-    """A process that runs the program; its file has appeared."""
+    """Fork a process that runs the program; return its id once the file exists."""
     child = os.fork()
     if child == 0:
         try:
@@ -63,7 +63,7 @@ def begun(out: Path) -> int:
 
 
 def killed(out: Path, delay: float) -> bool:
-    """Whether a run was still going on that long [s] after its file had appeared."""
+    """Kill a run `delay` [s] after its file has appeared; return whether it was still running."""
     child = begun(out)
     time.sleep(delay)
     os.kill(child, signal.SIGKILL)
@@ -71,7 +71,7 @@ def killed(out: Path, delay: float) -> bool:
 
 
 def whole_run(out: Path) -> tuple[xarray.Dataset, float]:
-    """What a run writes that is left alone, and how long it takes to write it [s]."""
+    """Return the results of an undisturbed run, and the time from its file to its end [s]."""
     with suppress(SystemExit):
         write(out)
     remove(out)
@@ -81,13 +81,13 @@ def whole_run(out: Path) -> tuple[xarray.Dataset, float]:
 
 
 def remove(out: Path) -> None:
-    """Take away what a run has written."""
+    """Delete the files of a run."""
     for path in (out, checkpoint_path(out)):
         path.unlink(missing_ok=True)
 
 
 def frames(out: Path, whole: xarray.Dataset) -> int:
-    """How many frames there are; all of them, and all samples, as in the whole run."""
+    """Return the number of frames; ValueError if frames or samples differ from those of `whole`."""
     with xarray.open_dataset(out) as data, netCDF4.Dataset(out) as file:
         data.load()
         there = data.sizes["time"]
@@ -104,14 +104,14 @@ def frames(out: Path, whole: xarray.Dataset) -> int:
 
 
 def goes_on(out: Path, whole: xarray.Dataset) -> bool:
-    """Whether a run that goes on in its file ends with all frames of the whole one, bit for bit."""
+    """Resume a run in its file; return whether all frames equal those of `whole` bit for bit."""
     run_scene(make_config({"scene": SCENE["scene"], "restart": out, "out": out}))
     with xarray.open_dataset(out) as data:
         return all(data[name].values.tobytes() == whole[name].values.tobytes() for name in FIELDS)
 
 
 def examine(out: Path, whole: xarray.Dataset, found: Counter[str]) -> None:
-    """Count what a kill has left."""
+    """Count the state of the files after a kill in `found`."""
     try:
         there = frames(out, whole)
     except Exception as error:
@@ -132,7 +132,7 @@ def examine(out: Path, whole: xarray.Dataset, found: Counter[str]) -> None:
 
 
 def main() -> None:
-    """Print the table."""
+    """Kill runs and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)

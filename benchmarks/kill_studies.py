@@ -1,12 +1,12 @@
-"""Ensembles, sweeps, regriddings and films killed at random moments: what they leave, and resume.
+"""Ensembles, sweeps, regriddings and films killed at random times: their files and resumption.
 
     python benchmarks/kill_studies.py [--kills 40] [--seed 1] [--only ensemble,sweep,regrid,animate]
 
-Kills each command (SIGKILL), with all processes that it started, a random time after its begin, and
-reads every file that is left.  The command is then started again, until it ends: its result must be
-that of a command that was left alone, the members, fields and pictures to the last bit, and the
-rows of a sweep but for their times.  Temporary files must be gone then.  The commands are forked
-from a process that has loaded all that they need, which saves seconds for each of them.
+Kills each command (SIGKILL), with all processes that it started, at a random time, and reads every
+file that exists then.  The command is then started again and runs to its end.  Its results must be
+those of an undisturbed command: members, fields and pictures to the last bit, and rows of a sweep
+except for measured times.  No temporary files may remain.  The commands are forked from a process
+that has loaded all modules and kernels, which saves seconds for each of them.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ COUNTED = (
     "temporary files left",
 )  # fmt: skip
 TIMES = ("seconds", "cpu", "wall", "spread")
-"""Parts of the names of what a sweep measures of time."""
+"""Parts of the names of columns with measured times, which differ between sweeps."""
 
 
 def tell(text: str) -> None:
@@ -55,7 +55,7 @@ def tell(text: str) -> None:
 
 
 def load(folder: Path, words: str) -> None:
-    """Run a command in this process, which then has loaded all that forked ones need."""
+    """Run a command in this process, which loads all modules and kernels for forked processes."""
     os.chdir(folder)
     with suppress(SystemExit), Path(os.devnull).open("w") as silent, redirect_stdout(silent):
         program.main(words.replace("--jobs=2", "--jobs=1").split())
@@ -63,7 +63,7 @@ def load(folder: Path, words: str) -> None:
 
 
 def started(folder: Path, words: str) -> int:
-    """Start a command in a process group of its own; return its number."""
+    """Start a command in a separate process group; return the id of the process."""
     child = os.fork()
     if child == 0:
         os.setpgid(0, 0)
@@ -97,7 +97,7 @@ def killed(folder: Path, words: str, delay: float) -> bool:
 
 
 def contents(path: Path) -> object:
-    """Return what a file holds; an exception where it is not whole."""
+    """Return the contents of a file; raise an exception if it is incomplete."""
     if path.name.endswith(".restart"):
         return {name: x.tobytes() for name, x in read_checkpoint(path).state_dict.items()
                 if not name.startswith("counter_")}  # fmt: skip
@@ -130,7 +130,7 @@ def files(folder: Path) -> list[Path]:
 
 
 def results(folder: Path, name: str) -> dict[str, object]:
-    """Return what must be the same: of sweeps the rows, otherwise the contents of all files."""
+    """Return the results that must be equal: rows of a sweep, otherwise contents of files."""
     if name == "sweep":  # whose rows are in the order in which two processes finished them
         with xr.open_dataset(folder / "s" / "sweep.nc") as data:
             kept = [n for n in data.data_vars if n != "jobs" and not any(t in n for t in TIMES)]
@@ -140,7 +140,7 @@ def results(folder: Path, name: str) -> dict[str, object]:
 
 
 def main(kills: int = 40, seed: int = 1, only: str = ",".join(COMMANDS)) -> None:
-    """Print a table of the kills by command, and each that leaves what it should not."""
+    """Print a table of kills by command, and each kill with a wrong result."""
     chance, failed = random.Random(seed), 0
     plot.ROWS, plot.FILM_DOTS_PER_INCH = 19, 30
     tell(f"| {' | '.join(('command', *COUNTED))} |")

@@ -1,6 +1,6 @@
-"""Peak memory of runs, in bytes an element node.
+"""Peak memory of runs, in bytes per element node.
 
-Each run is a process of its own; what the same run on six by four elements takes (the interpreter,
+Each run is a separate process.  The memory of the same run on 24 elements (the interpreter,
 libraries, compiled kernels) is subtracted.  There are 6 ne^2 np^2 element nodes.
 """
 
@@ -18,7 +18,7 @@ MESHES = ((60, 4), (30, 8), (120, 4))
 STEPPERS = ("rk4", "leapfrog", "semi-implicit", "bdf2", "tr-bdf2", "esdirk4")
 DAYS = 0.03
 ESTIMATED = {3: 24, 4: 20, 6: 14, 8: 10, 12: 8}
-"""Elements along a face's edge for each np of the table of the estimate."""
+"""Elements along the edge of a cube face for each np in the table of the estimate."""
 FAMILIES = {
     "explicit (rk4)": "rk4", "imex (semi-implicit)": "semi-implicit", "exponential (epi3)": "epi3",
     "implicit (tr-bdf2)": "tr-bdf2", "gauss-legendre": "gauss-legendre",
@@ -26,7 +26,7 @@ FAMILIES = {
 
 
 def peak(*arguments: str) -> int:
-    """Most memory [bytes] that `swe-sphere run williamson5` of those arguments held resident."""
+    """Return the peak memory [bytes] of `swe-sphere run williamson5` with these arguments."""
     command = [sys.executable, "-m", "swe_sphere", "run", "williamson5", *arguments]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
@@ -37,7 +37,7 @@ def peak(*arguments: str) -> int:
 
 
 def per_node(ne: int, np: int, arguments: list[str]) -> float:
-    """Peak memory of a run beyond that of a tiny one, over the element nodes [bytes]."""
+    """Return the peak memory of a run beyond that of a tiny run [bytes per element node]."""
     tiny, whole = (peak("--ne", str(n), "--np", str(np), *arguments) for n in (2, ne))
     return (whole - tiny) / (6 * (ne * np) ** 2)
 

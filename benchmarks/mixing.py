@@ -1,7 +1,7 @@
-"""How a scheme mixes tracers: filaments kept, and two related tracers that cease to be so.
+"""Numerical mixing of tracers: loss of filaments, and of the relation between two tracers.
 
 Lauritzen, Skamarock, Prather & Taylor (2012), Geosci. Model Dev. 5, 887-901, section 3,
-doi:10.5194/gmd-5-887-2012; for the deformational flow at half time.
+doi:10.5194/gmd-5-887-2012.  The measures apply to the deformational flow at half time.
 """
 
 from dataclasses import dataclass
@@ -11,16 +11,16 @@ import numpy as np
 from swe_sphere.arrays import Array
 
 SCAN = 256
-"""Points of the curve that a search for the nearest begins with."""
+"""Number of points of the curve among which the search for the nearest point begins."""
 REFINEMENTS = 6
-"""Newton steps that end it."""
+"""Number of Newton steps that refine the nearest point."""
 
 
 def filaments(area: Array, start: Array, now: Array, thresholds: Array) -> Array:
-    """Percentage of the area above each threshold (k,) at the start that is above it now.
+    """Return the area above each threshold (k,) in percent of the initial area above it: (k,).
 
-    area, start, now: (N,).  100 everywhere for exact transport by a wind without divergence; less
-    at high thresholds where filaments are smeared out, more at low ones.  0 where there was none.
+    area, start, now: (N,).  Exact transport by a wind without divergence gives 100.  Smeared
+    filaments give less at high thresholds and more at low ones.  0 if the initial area is 0.
     """
     then, later = (
         np.array([area[q >= threshold].sum() for threshold in thresholds]) for q in (start, now)
@@ -39,17 +39,17 @@ class Relation:
     high: float
 
     def __call__(self, q: Array) -> Array:
-        """The other tracer."""
+        """Return the other tracer for a tracer q."""
         return self.a * q**2 + self.c
 
     @property
     def range(self) -> tuple[float, float]:
-        """Least and largest value of the other tracer; q does not change its sign."""
+        """Least and largest value of the other tracer; q must not change sign."""
         ends = (self.a * self.low**2 + self.c, self.a * self.high**2 + self.c)
         return min(ends), max(ends)
 
     def chord(self, q: Array) -> Array:
-        """The straight line between the ends of the curve, along which air mixes at the most."""
+        """Return the other tracer on the chord of the curve, which bounds real mixing."""
         return self.c + self.a * ((self.low + self.high) * q - self.low * self.high)
 
 
@@ -58,13 +58,13 @@ BELLS = Relation(a=-0.8, c=0.9, low=0.1, high=1.0)
 
 
 def mixing(area: Array, q: Array, other: Array, relation: Relation = BELLS) -> dict[str, float]:
-    """Area means of the distance of each node's pair of values from the curve, by kind of pair.
+    """Return area means of the distance of each pair of values from the curve, by kind of pair.
 
     area, q, other: (N,).  Distances are in units of the ranges of the two.  Returns
 
-        real_mixing     between the curve and its chord, where real mixing leads to
-        unmixing        outside of that, though within the ranges
-        overshooting    outside of the ranges
+        real_mixing     pairs between the curve and its chord, as real mixing produces them
+        unmixing        pairs outside of this region but within the ranges of both tracers
+        overshooting    pairs outside of the ranges
     """
     least, largest = relation.range
     distance = _distance(q, other, relation)
@@ -79,7 +79,7 @@ def mixing(area: Array, q: Array, other: Array, relation: Relation = BELLS) -> d
 
 
 def _distance(q: Array, other: Array, relation: Relation) -> Array:
-    """Distance (N,) to the nearest point of the curve, in units of the ranges."""
+    """Return the distance (N,) to the nearest point of the curve, in units of the ranges."""
     least, largest = relation.range
     width, height = relation.high - relation.low, largest - least
 

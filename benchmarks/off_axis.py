@@ -94,7 +94,7 @@ def bases(mesh: Mesh, matrix: scipy.sparse.csc_array) -> list[scipy.sparse.csc_a
 def halves(
     basis: scipy.sparse.csc_array, image: scipy.sparse.csc_array
 ) -> Iterator[scipy.sparse.csc_array]:
-    """Yield bases of the vectors of a subspace that an orthogonal involution keeps, and negates."""
+    """Yield bases of the vectors that an involution leaves unchanged, and of those it negates."""
     inner = (basis.T @ image @ basis).tocsr()
     inner.data[abs(inner.data) < 1e-12] = 0.0
     inner.eliminate_zeros()
@@ -153,7 +153,7 @@ def rates(mesh: Mesh, *scenes: Scene) -> list[str]:
 
 
 def per_day(rate: float) -> str:
-    """Growth rate [s-1] per day."""
+    """Return the growth rate [s-1] as text in units of 1/day."""
     rate *= DAY
     return f"{rate:.3f}" if abs(rate) > 5e-4 else "0" if abs(rate) < 1e-7 else f"{rate:.0e}"
 
@@ -330,7 +330,7 @@ RIVALS: dict[str, dict[str, object]] = {
 }  # fmt: skip
 """Dissipation to compare; the number for c is a multiple of the default c₀ of np."""
 RECOMMENDED = ("none", "c₀", "∇⁴, ν₀/30", "∇⁴, ν₀/10")
-"""Dissipation that the largest mesh has."""
+"""Dissipation that is also run on the largest mesh."""
 
 
 def rivals(ne: int, np_: int, names: Iterable[str] = RIVALS) -> Iterator[dict[str, object]]:
@@ -436,7 +436,7 @@ AGAINST: dict[str, dict[str, tuple[dict[str, object], dict[int, str]]]] = {
         "galewsky with viscosity": ({"viscosity.nu": 1e5}, {6: "galewsky_viscous_day6"}),
     },
 }
-"""By scene: variants, of each its effects and the references by day, "" where it is exact."""
+"""Variants by scene: effects, and references by day ("" for the exact solution)."""
 COMPARED = ((5, 4), (8, 4), (16, 4), (4, 8), (8, 8), (12, 8))
 
 
@@ -489,7 +489,7 @@ def against(
 
 
 def early_jet() -> Section:
-    """How far the balanced jet of galewsky leaves its balance on a coarse mesh in a day."""
+    """Departure of the balanced jet of galewsky from its balance in a day, on coarse meshes."""
     rows = []
     for ne, np_ in ((5, 4), (8, 4), (5, 6)):
         cells = []

@@ -42,7 +42,7 @@ def table(
 ) -> str:
     """Return a section of `benchmarks/results/NAME.json` as a table in Markdown.
 
-    columns: Columns that are shown; by default all.  where: Values of columns that rows must have.
+    columns: columns that are shown; by default all.  where: values of columns that rows must have.
     """
     of = load(name)[section]
     heads, rows = list(of["columns"]), of["rows"]
@@ -54,7 +54,7 @@ def table(
 
 
 def folded(name: str, section: str, note: str = "") -> str:
-    """Return a section as a folded table with its note and stamp; note: instead of its own."""
+    """Return a section as a folded table with its note and stamp; note: replaces its note."""
     of = load(name)[section]
     parts = [
         f"<details><summary>{of['title']}</summary>", note or of["note"], table(name, section),
@@ -72,7 +72,7 @@ def stamp(name: str, section: str) -> str:
 def cases(folder: str) -> str:
     """Return the page of "verification" or "stability", made of its stored numbers.
 
-    Where none are stored it is the page that the command wrote.
+    Without stored numbers the page is returned as the command wrote it.
     """
     if not (DATA / f"{folder}.csv").exists():
         return (PAGES / f"{folder}.md").read_text(encoding="utf-8").partition(MORE)[0].rstrip("\n")
@@ -104,6 +104,6 @@ def rows_of(folder: str) -> list[Row]:
 
 
 MORE = "<!-- more by python -m benchmarks -->"
-"""Line in pages of cases, before what `swe-sphere verify` or `stress` does not write."""
+"""Line in pages of cases before the text that `swe-sphere verify` or `stress` does not write."""
 TEXTS = ("name", "status", "message")
 """Columns of `benchmarks/results/*.csv` that are not numbers."""

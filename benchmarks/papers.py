@@ -1,4 +1,4 @@
-"""Draw figures of the literature again, in docs/results/papers.
+"""Redraw figures of the literature, in docs/results/papers.
 
     python benchmarks/papers.py [NAME ...]
 

@@ -1,4 +1,4 @@
-"""Error against time, a panel a scene."""
+"""Picture of error against CPU time, one panel per scene."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MARKERS = "osD^v"
 
 
 def draw(tables: Mapping[str, Sequence[Sequence[str]]], path: Path) -> None:
-    """Rows as in the tables of the page: model, ..., numbers (4), l2 (6), CPU seconds (7)."""
+    """Draw tables of rows as on the page: model, ..., numbers (4), l2 (6), CPU time [s] (7)."""
     figure, axes = plt.subplots(
         1, len(tables), figsize=(4.2 * len(tables), 4.0), layout="constrained", squeeze=False
     )
@@ -41,7 +41,7 @@ def draw(tables: Mapping[str, Sequence[Sequence[str]]], path: Path) -> None:
 def _points(
     axis: plt.Axes, rows: Sequence[Sequence[str]], model: str, numbers: str, look: tuple[str, str]
 ) -> None:
-    """Filled for double precision, open for single; the best of them joined by a line."""
+    """Draw points, filled for double precision, open for single; a line joins the best."""
     mine = [line for line in rows if (line[0], line[4]) == (model, numbers) and line[7]]
     found = [(float(line[7]), float(line[6])) for line in mine]
     if not found:
@@ -54,7 +54,7 @@ def _points(
 
 
 def _front(found: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Those of which no other is both quicker and closer."""
+    """Return the points for which no other point has both less time and a smaller error."""
     kept: list[tuple[float, float]] = []
     for time, error in sorted(found):
         if not kept or error < kept[-1][1]:

@@ -1,6 +1,6 @@
-"""Machine code for GPUs without one: kernels to PTX by Warp's own compiler, and that by ptxas.
+"""Machine code for GPUs without a GPU: Warp compiles kernels to PTX, and ptxas assembles the PTX.
 
-`pip install 'spectral-swe-sphere[ptx]'` brings a ptxas that knows the PTX of Warp's compiler.
+`pip install 'spectral-swe-sphere[ptx]'` installs a ptxas that accepts the PTX of Warp.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from swe_sphere.kernels.vectors import axpby, combine_rows, least, products
 from swe_sphere.operators.device_mesh import REALS
 
 VIRTUAL = 80
-"""Architecture of the PTX, which newer ones understand."""
+"""Architecture of the PTX, which newer GPUs also accept."""
 REPORT = re.compile(r"(\d+) bytes stack frame, (\d+) bytes spill stores, (\d+) bytes spill loads")
 SHARED = re.compile(r"(\d+) bytes smem")
 STEPS = 3
@@ -32,23 +32,23 @@ STEPS = 3
 
 @dataclass(frozen=True)
 class MachineCode:
-    """What ptxas says of a kernel."""
+    """Resources of a kernel as ptxas reports them."""
 
     registers: int
-    """Of each thread."""
+    """Number of registers per thread."""
     spills: int
     """Bytes that a thread stores because registers run out, and loads again."""
     stack: int
-    """Bytes of a thread's own arrays that stand in memory."""
+    """Bytes of the local arrays of a thread that are in memory."""
     shared: int
-    """Bytes of a block."""
+    """Bytes of shared memory per block."""
 
 
 def kernels_of(scene: str, stepper: str, precision: str, **options: Any) -> dict[str, wp.Kernel]:
-    """All kernels that this run would launch on a GPU, by the name of their module.
+    """Return all kernels that this run would launch on a GPU, by the name of their module.
 
-    It runs some steps on the CPU, with the kernels of GPUs.  Those of the solvers' vectors, which
-    are others there, are not among them: see `vector_kernels`.
+    The function runs some steps on the CPU with the kernels for GPUs.  The kernels of vector
+    operations, which differ on GPUs, are not included: see `vector_kernels`.
     """
     sim = Simulation(
         scene=scene, stepper=stepper, precision=precision, launch="node", ne=2, days=1.0, **options
@@ -61,14 +61,14 @@ def kernels_of(scene: str, stepper: str, precision: str, **options: Any) -> dict
 
 
 def vector_kernels() -> dict[str, wp.Kernel]:
-    """The vector operations of the solvers."""
+    """Return the kernels of the vector operations of the solvers, by the name of their module."""
     kernels = axpby, combine_rows, products, least, pack, unpack
     made = [specialise(kernel, real) for kernel in kernels for real in REALS.values()]
     return {kernel.module.name: kernel for kernel in made}
 
 
 def find_ptxas() -> str | None:
-    """That of the Python package: others are often older than the PTX."""
+    """Return the path of ptxas of the Python package; others are often too old for the PTX."""
     try:
         package = find_spec("nvidia.cu13")
     except ModuleNotFoundError:
@@ -78,7 +78,7 @@ def find_ptxas() -> str | None:
 
 
 def compile_ptx(kernel: wp.Kernel, folder: Path) -> Path:
-    """The kernel as PTX in that folder."""
+    """Compile a kernel to PTX in a folder; return the file."""
     wp.compile_aot_module(kernel.module, arch=VIRTUAL, use_ptx=True, module_dir=folder)
     (file,) = folder.glob("*.ptx")
     file.write_bytes(file.read_bytes().rstrip(b"\0"))
@@ -86,7 +86,7 @@ def compile_ptx(kernel: wp.Kernel, folder: Path) -> Path:
 
 
 def assemble(ptx: Path, architectures: Iterable[int]) -> dict[int, MachineCode]:
-    """Machine code for each architecture, as ptxas makes it; RuntimeError where it does not."""
+    """Return the machine code by architecture; RuntimeError if ptxas fails."""
     ptxas = find_ptxas()
     if ptxas is None:
         raise ConfigError("there is no ptxas: pip install 'spectral-swe-sphere[ptx]'")

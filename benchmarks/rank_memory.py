@@ -20,7 +20,7 @@ MPIEXEC = Path(sys.executable).with_name("mpiexec")
 
 
 def run(ne: int, stepper: str, days: float) -> None:
-    """Be one of the ranks; rank 0 writes the seconds to the first step and all peaks [MB]."""
+    """Run as one rank; rank 0 prints time to the first step [s] and peaks of all ranks [MB]."""
     begin = time.perf_counter()
     from swe_sphere import Simulation
 

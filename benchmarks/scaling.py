@@ -1,9 +1,8 @@
-"""What a step does on several ranks, what it takes, and a model of many ranks.
+"""Messages and time of a step on several ranks, and a model of many ranks.
 
     python benchmarks/scaling.py [SECTION ...]      counts, measured, model, growth; all by default
 
-Runs on one process and on two
-ranks go in turns, so that a busy moment of the machine meets all of them.
+Runs on one process and on two ranks alternate, so that other load on the machine affects all.
 """
 
 from __future__ import annotations
@@ -33,14 +32,14 @@ from swe_sphere.solvers.preconditioners.coarse import SPACING
 
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
-"""Of BLAS, as ranks have it."""
+"""Environment that gives BLAS one thread, as in runs on several ranks."""
 ROUNDS = 6
 NE, WEAK, TINY, SMALL = 30, 21, 4, 6
-"""Meshes of the timings: 5400 elements, half as many, few; and one for more ranks than cores."""
+"""ne of the timed meshes (5400 elements, half as many, few), and for more ranks than cores."""
 APART = -2
-"""In the place of two ranks: two processes that have nothing to do with each other."""
+"""Number of ranks that stands for two independent processes."""
 BUSY = 1.5
-"""Medians of times are not so many times the least of them where nothing else runs."""
+"""Ratio of median to least time above which other programs must have been running."""
 LARGE = 1024
 SUPPOSED = Network(latency=2e-6, bandwidth=1e9)
 """Of a large machine: an assumption, in the range that vendors of networks give (one to two
@@ -49,12 +48,12 @@ GROWTH = {"rk4": (4, 8, 16, 30, 60, 120), "tr-bdf2": (4, 8, 16, 30, 60)}
 
 
 def child(ranks: int, job: str, ne: int = 0, pieces: int = PIECES) -> Any:
-    """What scaling_ranks.py says on so many ranks; 0: without MPI."""
+    """Return the output of scaling_ranks.py on a number of ranks; 0: without MPI."""
     return beside(1, ranks, job, ne, pieces)[0]
 
 
 def beside(copies: int, ranks: int, job: str, ne: int, pieces: int = PIECES) -> list[Any]:
-    """The same of several at the same time, which have nothing to do with each other."""
+    """Return the outputs of several independent copies of `child` that run at the same time."""
     script = str(Path(__file__).with_name("scaling_ranks.py"))
     command = [sys.executable, script, job, str(ne), str(pieces)]
     command = [str(MPIEXEC), "-n", str(ranks), *command] if ranks else command
@@ -71,7 +70,7 @@ def beside(copies: int, ranks: int, job: str, ne: int, pieces: int = PIECES) -> 
 
 @cache
 def timed() -> dict[tuple[int, int], dict[str, Any]]:
-    """By mesh and ranks: what was found in all rounds."""
+    """Return the measurements of all rounds by (ne, ranks), then by stepper."""
     found: dict[tuple[int, int], dict[str, Any]] = {}
     for _ in range(ROUNDS):
         for which in ((NE, 0), (NE, 2), (WEAK, 0), (WEAK, APART), (TINY, 0)):
@@ -86,19 +85,19 @@ def timed() -> dict[tuple[int, int], dict[str, Any]]:
 
 @cache
 def network() -> Network:
-    """Of this machine, between two ranks."""
+    """Return latency and bandwidth between two ranks on this machine."""
     pings = {int(size): seconds for size, seconds in child(2, "ping").items()}
     small, large = min(pings), max(pings)
     return Network(pings[small], (large - small) / (pings[large] - pings[small]))
 
 
 def least(times: list[float]) -> float:
-    """Mean over the pieces of a run, each as in its best round: some steps iterate more."""
+    """Return the mean of the least times of all segments of a run [s]."""
     return float(np.reshape(times, (-1, PIECES)).min(axis=0).mean())
 
 
 def disturbed() -> str:
-    """What to say where other programs were at work."""
+    """Return a note if other programs disturbed the timings, otherwise an empty text."""
     of_all = (told["times"] for of in timed().values() for told in of.values())
     busy = any(statistics.median(times) > BUSY * least(times) for times in of_all)
     return " The machine was busy with other programs: the times here are rough." if busy else ""
@@ -106,19 +105,19 @@ def disturbed() -> str:
 
 @cache
 def traffic(ne: int, ranks: int) -> Traffic:
-    """What so many ranks of that mesh have to tell each other."""
+    """Return the traffic between a number of ranks on a mesh."""
     return Traffic(Mesh.build(ne, 4), ranks)
 
 
 @cache
 def rim() -> float:
-    """Element nodes that a rank of many sends, over the square root of its elements."""
+    """Return the element nodes that one of 32 ranks sends, over the square root of its elements."""
     ranks = 32
     return traffic(NE, ranks).on_the_rim / ranks / (6 * NE**2 / ranks) ** 0.5
 
 
 def step(name: str) -> Step:
-    """What a step does: seconds of one process, counts of two ranks."""
+    """Return times [s] of a step on one process and counts on two ranks."""
     alone, two = timed()[NE, 0][name], timed()[NE, 2][name]
     did = {key: two["traffic"].get(key, 0.0) for key in (
         "exchanges", "bytes", "sums", "sums bytes", "coarse", "coarse bytes",
@@ -170,7 +169,7 @@ def counts() -> Section:
 
 
 def measured() -> Section:
-    """Two ranks beside one process, and what the model says of it."""
+    """Times of two ranks and of one process, measured and by the model."""
     found, net, rows = timed(), network(), []
     for name in STEPPERS:
         one, two, half, apart = (
@@ -205,7 +204,7 @@ def measured() -> Section:
 
 
 def model() -> Section:
-    """Many ranks."""
+    """Time of a step on many ranks, by the model."""
     steps = {name: step(name) for name in STEPPERS}
     dense = 4.0 * (6 * (2 * round(LARGE / SPACING)) ** 2 + 2) ** 2
     picture(PAGES / "scaling.svg", steps, LARGE, SUPPOSED, rim())
@@ -242,7 +241,7 @@ def model() -> Section:
 
 
 def least_step(name: str, ne: int) -> float:
-    """Least time of a step [s], after those that load kernels and start schemes."""
+    """Return the least time of a step [s], after the steps that load kernels and start schemes."""
     sim = Simulation("williamson5", ne=ne, np=4, stepper=name)
     times = []
     for _ in range(12):
@@ -253,12 +252,12 @@ def least_step(name: str, ne: int) -> float:
 
 
 def memory_per_node(name: str, ne: int) -> float:
-    """Peak memory of a short run beyond that of a tiny one [bytes an element node]."""
+    """Return the peak memory of a short run beyond that of a tiny run [bytes per element node]."""
     return per_node(ne, 4, ["--stepper", name, "--days", str(0.9 / ne)])
 
 
 def growth() -> Section:
-    """One process on larger and larger meshes."""
+    """Time and memory of one process on increasing meshes."""
     runs = [(name, ne) for name, meshes in GROWTH.items() for ne in meshes]
     # before this process is large: a child's peak begins with the memory of its parent
     taken = {run: memory_per_node(*run) for run in runs if run[1] >= NE}

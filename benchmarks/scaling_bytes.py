@@ -1,6 +1,6 @@
-"""Bytes that ranks send in a step: from the mesh, its parts and what one process launches.
+"""Bytes that ranks send in a step, from the mesh, its partition and the launches of one process.
 
-Nothing here is asked of the exchanges themselves; scaling.py holds it to what they have sent.
+The exchanges themselves are not consulted; scaling.py compares the result with the bytes sent.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from swe_sphere.operators.sparse import slopes
 from swe_sphere.solvers.preconditioners.coarse import SWEEPS, coarse_spaces
 
 FIELDS = {"tendency_of_groups": 3, "gradient": 2, "wind_fluxes": 1, "slope_fluxes": 1}
-"""What kernels over elements leave for other ranks at each node on the rim: rates of change of wind
+"""Number of fields that kernels over elements send to other ranks at a shared node: rates of wind
 and depth, both components of a gradient, a divergence."""
 RESTRICT = "restrict"
-"""The kernel that a coarse correction begins with: integrals over the elements."""
+"""Name of the first kernel of a coarse correction: integrals over the elements."""
 SINGLE = 4
-"""Bytes of a number of the coarse level."""
+"""Bytes per number of the coarse level."""
 
 Launches = Mapping[str, float]
-"""How often kernels were launched, by their names and the bytes of their numbers."""
+"""Number of launches per step by name of the kernel and bytes of its numbers."""
 
 
 def launches(sim: Simulation, steps: int) -> Launches:
-    """Those of kernels whose results are exchanged, in a step of a process or a single rank."""
+    """Return the launches per step of kernels whose results are exchanged, on a single process."""
     found = Counter[str]()
     with each_launch(sim.model.launch) as made:
         for _ in range(steps):
@@ -51,7 +51,7 @@ def launches(sim: Simulation, steps: int) -> Launches:
 
 @contextmanager
 def each_launch(launch: Launcher) -> Iterator[list[tuple[Any, object, float]]]:
-    """Kernel, number of threads and time [s] of every launch in the block, none of it recorded."""
+    """Yield a list that receives kernel, threads and time [s] of each launch; recording is off."""
     made: list[tuple[Any, object, float]] = []
     plain, records = Launcher.__call__, launch.records
 
@@ -71,14 +71,14 @@ def each_launch(launch: Launcher) -> Iterator[list[tuple[Any, object, float]]]:
 
 
 def _bytes(kernel: Any) -> int:
-    """Of the numbers side by side that a kernel over elements works on."""
+    """Return the bytes of the numbers (scalars or SIMD registers) of a kernel over elements."""
     types = [getattr(argument.type, "dtype", None) for argument in kernel.adj.args]
     lanes = next(kind for kind in types if hasattr(kind, "_wp_scalar_type_"))
     return int(wp.types.type_size_in_bytes(lanes._wp_scalar_type_))
 
 
 class Traffic:
-    """What so many ranks of a mesh have to tell each other."""
+    """Traffic between a number of ranks on a mesh."""
 
     def __init__(self, mesh: Mesh, ranks: int) -> None:
         self.mesh, self.ranks = mesh, ranks
@@ -91,18 +91,18 @@ class Traffic:
 
     @cached_property
     def on_the_rim(self) -> int:
-        """Element nodes that go out from all ranks: at a node of other ranks, to each of them."""
+        """Number of element nodes that all ranks send, each to every other rank at its node."""
         of_entry = self.owner[self.mesh.gather_entries // self.mesh.np**2]
         pieces = np.split(of_entry, self.mesh.gather_offsets[1:-1])
         return sum(p.size * (np.unique(p).size - 1) for p in pieces if p.size > 1)
 
     @cached_property
     def coarse(self) -> tuple[int, int]:
-        """Integrals that ranks get for a coarse correction, and coarse functions in their rings.
+        """Numbers of integrals that ranks receive for a coarse correction, and functions in rings.
 
-        A rank works on the functions of its elements, and needs their integrals over all elements;
-        in its ring are those that meet them: smooth ones in an element, computational modes where
-        both have a slope.
+        A rank computes the coarse functions on its elements, and needs their integrals over all
+        elements.  Its ring contains the functions of other ranks that couple to its functions:
+        smooth functions on a common element, computational modes where both have a slope.
         """
         on, see = self._functions
         mine = _one_hot(self.owner, self.ranks).T
@@ -112,9 +112,9 @@ class Traffic:
         return int(elements) * self._of_an_element, int(((own @ see) > 0).sum() - own.sum())
 
     def bytes_sent(self, did: Launches) -> float:
-        """By all ranks, where one alone launches that.
+        """Return the bytes that all ranks send in a step; did: launches per step on one process.
 
-        Conjugate gradients, with operators in float64, tell the ring once more in a correction.
+        Conjugate gradients, with operators in float64, exchange the ring once more per correction.
         """
         total = 0.0
         for kernel, calls in did.items():
@@ -134,7 +134,7 @@ class Traffic:
 
     @cached_property
     def _functions(self) -> tuple[Any, Any]:
-        """(E, V) functions on each element, and (V, V) which of them see each other."""
+        """Return matrices of functions on elements (E, V) and of functions that couple (V, V)."""
         spaces = coarse_spaces(self.mesh)
         on = []
         for space in spaces:
@@ -148,12 +148,12 @@ class Traffic:
 
 
 def _one_hot(owner: np.ndarray, ranks: int) -> scipy.sparse.csr_array:
-    """(E, ranks) 1 where an element is of that rank."""
+    """Return the matrix (E, ranks) that is 1 where an element belongs to a rank."""
     where = np.arange(owner.size), owner
     return scipy.sparse.csr_array((np.ones(owner.size, int), where), (owner.size, ranks))
 
 
 def _entries(matrix: Any) -> scipy.sparse.csr_array:
-    """1 wherever a matrix has an entry."""
+    """Return the matrix with every entry replaced by 1."""
     found = scipy.sparse.csr_array(matrix)
     return scipy.sparse.csr_array((np.ones(found.nnz, int), found.indices, found.indptr))

@@ -1,4 +1,4 @@
-"""What a step takes on any number of ranks, by what it does on one: a model, and its picture."""
+"""Model of the time of a step on any number of ranks from counts on few ranks, and its picture."""
 
 from __future__ import annotations
 
@@ -12,53 +12,53 @@ import numpy as np
 from swe_sphere.mesh.partition import pieces
 
 NODES = 4
-"""On an edge of an element, np."""
+"""Number of nodes along the edge of an element, np."""
 NEIGHBOURS = 8
 
 
 @dataclass(frozen=True)
 class Network:
-    """What a message costs."""
+    """Cost of messages."""
 
     latency: float
-    """[s]"""
+    """Time of an empty message [s]."""
     bandwidth: float
-    """Of a rank [bytes s-1]."""
+    """Bandwidth of a rank [bytes s-1]."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """What a step does on a mesh of so many elements; counts are those of a rank."""
+    """Work and messages of a step on a mesh of `elements` elements; counts are per rank."""
 
     elements: int
     seconds: float
-    """On one process [s]."""
+    """Time on one process [s]."""
     fixed: float
-    """Of these, what does not go with the elements: what Python does between kernels."""
+    """Part of `seconds` that does not depend on the mesh: Python between kernels."""
     coarse_seconds: float
-    """Of these, sweeps over coarse functions, of which ranks have those on their rims in common."""
+    """Part of `seconds` in sweeps over coarse functions; ranks repeat those on their boundaries."""
     longest_seconds: float
-    """Of these, what every rank does for itself: products that solve for the longest waves."""
+    """Part of `seconds` that every rank repeats: products that solve for the longest waves."""
     exchanges: float
-    """Of contributions to nodes on the rim."""
+    """Number of exchanges of contributions to nodes on the boundary of a partition."""
     width: float
-    """Bytes that go out for an element node on the rim, in the mean."""
+    """Mean number of bytes sent per exchange and element node on the boundary."""
     sums: float
-    """Messages of all to all that carry products."""
+    """Number of messages from all ranks to all with products (sums)."""
     sum_bytes: float
-    """Of both of two ranks together in one of them."""
+    """Bytes of one such message, both of two ranks together."""
     coarse: float
-    """Messages of all to all that carry residuals of smooth coarse functions."""
+    """Number of messages from all ranks to all with residuals of smooth coarse functions."""
     coarse_bytes: float
-    """Of all ranks together in one of them."""
+    """Bytes of one such message, all ranks together."""
 
 
 def as_it_is(
     step: Step, elements: float, ranks: np.ndarray, net: Network, rim: float
 ) -> np.ndarray:
-    """Seconds of a step as the program is: sums of large branches and the longest waves everywhere.
+    """Return the time of a step [s] of the present program: each rank solves for the longest waves.
 
-    rim: element nodes of n elements at nodes of others, over sqrt(n).
+    rim: boundary element nodes of a partition of n elements, over sqrt(n).
     """
     size = elements / step.elements
     wide = (np.sqrt(elements / ranks) + 1.0) ** 2 / elements  # with functions on its rim
@@ -73,10 +73,10 @@ def as_it_is(
 def in_trees(
     step: Step, elements: float, ranks: np.ndarray, net: Network, rim: float
 ) -> np.ndarray:
-    """Seconds of a step were sums taken along trees, and the coarse level dealt out.
+    """Return the time of a step [s] with sums along trees and a distributed coarse level.
 
-    A sum goes up a tree and down again; a coarse solve visits log2(ne) levels twice, with the
-    messages of a halo on each.
+    A sum goes up a tree and down again; a coarse solve visits log2(ne) levels twice, with one
+    exchange between neighbours on each level.
     """
     size, ne = elements / step.elements, np.sqrt(elements / 6.0)
     hops = 2.0 * np.ceil(np.log2(ranks))
@@ -87,7 +87,7 @@ def in_trees(
 
 
 def _shared(step: Step, elements: float, ranks: np.ndarray, net: Network, rim: float) -> np.ndarray:
-    """What all ranks share already: elements, and exchanges on the rims of their pieces."""
+    """Return the time [s] of the distributed work: elements, and exchanges between partitions."""
     mine = elements / ranks
     apart = step.fixed + step.coarse_seconds + step.longest_seconds
     work = mine * (step.seconds - apart) / step.elements
@@ -97,7 +97,7 @@ def _shared(step: Step, elements: float, ranks: np.ndarray, net: Network, rim: f
 
 
 def picture(path: Path, steps: Mapping[str, Step], ne: int, net: Network, rim: float) -> None:
-    """Time of a step on a mesh over the number of ranks, both ways."""
+    """Draw the time of a step by the number of ranks, by both models."""
     figure, axes = plt.subplots(figsize=(6.4, 3.8), layout="constrained")
     for (name, step), colour in zip(steps.items(), ("C0", "C1", "C2", "C3"), strict=False):
         ranks, elements = np.logspace(0, np.log10(pieces(ne)[0]), 100), 6.0 * ne**2

@@ -22,18 +22,18 @@ STEPPERS = {
     "tr-bdf2": (1800.0, 1),
     "bdf2": (3600.0, 1),
 }
-"""Steps [s] on ne 30, and how many of them are timed at once."""
+"""Time step [s] on ne 30, and number of steps that are timed together, by stepper."""
 PIECES = 12
 SIZES = (8, 1024, 16384, 131072)
-"""Of messages between two ranks [bytes]."""
+"""Sizes of messages between two ranks [bytes]."""
 ROUND_TRIPS = 300
 KERNELS = {"sweeps": "sweep_kernel__", "longest": "tall_kernels__"}
 LOOKED_AT = 3
-"""Steps whose solves of the coarse level are timed."""
+"""Number of steps whose solves of the coarse level are timed."""
 
 
 def measure(stepper: str, ne: int, pieces: int = PIECES) -> dict[str, Any]:
-    """Seconds a step, piece by piece; what all ranks do in a step; a hash of the state."""
+    """Return times of a step [s] by segment, counts of all ranks per step, a hash of the state."""
     traffic, at_once = Counted(world()), STEPPERS[stepper][1]
     sim = started(stepper, ne)
     before, times = traffic.counts(), []
@@ -54,7 +54,7 @@ def measure(stepper: str, ne: int, pieces: int = PIECES) -> dict[str, Any]:
 
 
 def started(stepper: str, ne: int) -> Simulation:
-    """A run that has loaded its kernels and started its scheme."""
+    """Return a simulation that has loaded its kernels and started its scheme."""
     dt, _ = STEPPERS[stepper]
     sim = Simulation("williamson5", ne=ne, np=4, stepper=stepper, dt=dt * 30 / ne)
     for _ in range(3):
@@ -63,12 +63,12 @@ def started(stepper: str, ne: int) -> Simulation:
 
 
 def launched(stepper: str, ne: int, pieces: int) -> Launches:
-    """What leaves something for other ranks in a step, of those that `measure` takes."""
+    """Return the launches per step whose results go to other ranks, as in `measure`."""
     return launches(started(stepper, ne), pieces * STEPPERS[stepper][1])
 
 
 def coarse_seconds(sim: Simulation) -> dict[str, float]:
-    """What solves of the coarse level take in a step [s]: its sweeps, and the longest waves."""
+    """Return the time of coarse-level solves per step [s]: sweeps, and longest waves."""
     with each_launch(sim.model.launch) as made:
         for _ in range(LOOKED_AT):
             sim.step()
@@ -84,7 +84,7 @@ def coarse_seconds(sim: Simulation) -> dict[str, float]:
 
 
 class Counted:
-    """What this rank has sent since it was made, and what it has had a share in."""
+    """Counts of the messages that this rank sends, and of the sums in which it takes part."""
 
     def __init__(self, comm: Communicator) -> None:
         self._sums, self._halos, gather = Counter[str](), [], comm.gather
@@ -107,7 +107,7 @@ class Counted:
         comm.gather = counting  # type: ignore[method-assign]
 
     def counts(self) -> Counter[str]:
-        """So far."""
+        """Return the counts since the object was built."""
         found = Counter(self._sums)
         for halo, others, of_all in self._halos:
             n = self._exchanges[halo]
@@ -120,7 +120,7 @@ class Counted:
 
 
 def ping_pong() -> dict[int, float]:
-    """Least seconds that a message takes from one rank to the next, by its size."""
+    """Return the least time [s] of a message from one rank to the next, by size [bytes]."""
     from mpi4py import MPI
 
     found, comm = {}, MPI.COMM_WORLD
@@ -141,7 +141,7 @@ def ping_pong() -> dict[int, float]:
 
 
 def main(job: str, ne: str, pieces: str) -> None:
-    """Do that job for all steppers it is for, or time messages; rank 0 writes JSON."""
+    """Run a job for all its steppers, or time messages; rank 0 prints JSON."""
     if job == "ping":
         told: Any = ping_pong()
     else:

@@ -97,13 +97,13 @@ def store(name: str, sections: Sections) -> None:
 
 
 def machine() -> str:
-    """Return processor, cores, Python and Warp in a line."""
+    """Return processor, number of cores, and versions of Python and Warp in a line."""
     found = versions()
     return f"{processor()}, {os.cpu_count()} cores; Python {found['python']}, Warp {found['warp']}"
 
 
 def stamp(seconds: float = 0.0) -> dict[str, Any]:
-    """Return what identifies a measurement that took so many seconds and ends now."""
+    """Return the stamp of a measurement that ends now; seconds: its duration."""
     git = ["git", "log", "-1", "--format=%h"]
     commit = subprocess.run(git, cwd=ROOT, capture_output=True, text=True, check=False).stdout
     return {
@@ -119,11 +119,11 @@ def stamp_text(of: Mapping[str, Any]) -> str:
 
 
 EARLIER = "code of an earlier version"
-"""What the pages write for measurements that were stored without a fingerprint of their code."""
+"""Text of the pages for measurements that were stored without a fingerprint of their code."""
 
 
 def is_current(stamped: Mapping[str, Any]) -> bool:
-    """Return whether a section was measured with the current code and on such a machine."""
+    """Return whether a section was measured with the current code on such a machine."""
     return (stamped.get("code"), stamped.get("machine")) == (code_fingerprint(), machine())
 
 

@@ -1,9 +1,9 @@
-"""How long a short run takes from the command line to its end.
+"""Wall time of a short run from the command line to its end.
 
     python benchmarks/start_up.py [SECTION ...] [--repeats N]      start, again; both by default
 
-Each run is a process of its own, but for those that follow one another (again); Python keeps its
-byte code, also where it is told not to.
+Each run of `start` is a separate process; those of `again` follow one another in one process.
+Python keeps its byte code, even if PYTHONDONTWRITEBYTECODE is set.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ CASES = {
     "tr-bdf2": (15.0,),
     "rk4, two ranks": (4.0, "--ranks", "2"),
 }
-"""Steppers by how they are called here: the aim with an empty cache [s] and further arguments."""
+"""Targets with an empty cache [s], and further arguments, by name of the case."""
 WARM, COLD = 0.8, 2
-"""The aim with compiled kernels [s], and how often a cache is empty."""
+"""Target with compiled kernels [s], and number of runs with an empty cache."""
 AGAIN = """
 import sys, time
 from swe_sphere import Simulation
@@ -41,11 +41,11 @@ for _ in range(9):
 """
 
 KEPT = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
-"""The environment of all processes."""
+"""Environment of all processes."""
 
 
 def seconds(arguments: tuple[str, ...], cache: str) -> float:
-    """Wall time [s] of a run in a process of its own, with that cache of compiled kernels."""
+    """Return the wall time [s] of a run in a new process; cache: folder of kernels."""
     command = [sys.executable, "-m", "swe_sphere", *RUN, *arguments]
     start = time.perf_counter()
     subprocess.run(command, env=KEPT | {"WARP_CACHE_PATH": cache}, check=True)
@@ -53,7 +53,7 @@ def seconds(arguments: tuple[str, ...], cache: str) -> float:
 
 
 def row(name: str, repeats: int) -> list[str]:
-    """One of `CASES`, with empty caches and then with full ones."""
+    """Return the row of one of `CASES`: with empty caches, then with compiled kernels."""
     aim, *more = CASES[name]
     arguments = ("--stepper", name.split(",")[0], *map(str, more))
     cold: list[float] = []
@@ -67,7 +67,7 @@ def row(name: str, repeats: int) -> list[str]:
 
 
 def again(name: str) -> list[str]:
-    """The first simulation of a process, and those after it."""
+    """Return the row of the first simulation of a process and of those after it."""
     command = [sys.executable, "-c", AGAIN, name]
     first, *later = map(float, subprocess.check_output(command, env=KEPT, text=True).split())
     return [name, f"{first:.3f}", f"{min(later):.3f}", f"{statistics.median(later):.3f}"]
@@ -84,8 +84,8 @@ def main(
             "A short run, from the command line to its end",
             f"Wall time [s] of a process: the least and the median of {COLD * repeats} runs with"
             f" compiled kernels, and the smaller and the larger of {COLD} with an empty cache of"
-            f" kernels. The target is {WARM} s for rk4 with compiled kernels; the last column has"
-            " the targets without.",
+            f" kernels. The target is {WARM} s for rk4 with compiled kernels; the last column shows"
+            " the targets without compiled kernels.",
             ["stepper", "warm, least", "median", "cold, smaller", "larger", "target, cold"],
             [row(name, repeats) for name in CASES],
         )

@@ -1,4 +1,4 @@
-"""Error in time at every step size, beside that of exact solves.
+"""Error in time at every step size, with the default tolerance and with exact solves.
 
 python benchmarks/step_sizes.py [SCENE ...]       all by default: about half an hour
 """
@@ -18,7 +18,7 @@ from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.steppers import STEPPERS
 
 SCENES = {"lauter": "l2_h", "williamson6": "l2_h", "matsuno": "l2_v"}
-"""And the error that is shown: matsuno's depths are waves of a billionth of the mean depth."""
+"""Scenes, and the error that is shown; waves of matsuno are a billionth of the mean depth."""
 STEPS = (3600.0, 1800.0, 900.0, 450.0, 240.0, 120.0, 60.0)
 NE, NP, HOURS = 4, 6, 6.0
 REFERENCE = 30.0
@@ -26,7 +26,7 @@ EXACT = 1e-10
 
 
 def errors(scene: str) -> Section:
-    """The errors of every stepper with a solver, over a scene."""
+    """Return the errors of every stepper with a solver for a scene."""
     names = [name for name, kind in STEPPERS.items() if kind.family != "explicit"]
     reference = run(scene, "rk4", REFERENCE)[0]
     rows = [
@@ -40,7 +40,7 @@ def errors(scene: str) -> Section:
 
 
 def run(scene: str, stepper: str, dt: float, **options: Any) -> tuple[dict[str, np.ndarray], float]:
-    """The fields at the end, and Krylov iterations a step."""
+    """Return the final fields, and Krylov iterations per step."""
     sim = Simulation(scene, ne=NE, np=NP, stepper=stepper, dt=dt, options=options)
     summary = sim.run(days=HOURS / 24.0, progress=False)
     return sim.snapshot.fields, summary["krylov_iterations"] / summary["steps"]
@@ -49,7 +49,7 @@ def run(scene: str, stepper: str, dt: float, **options: Any) -> tuple[dict[str, 
 def compare(
     scene: str, stepper: str, dt: float, reference: dict[str, np.ndarray]
 ) -> dict[str, float]:
-    """Errors with the default tolerance and with exact solves, and iterations with the former."""
+    """Return errors with default tolerance and with exact solves, and iterations."""
     mesh, measure = Mesh.build(NE, NP), SCENES[scene]
     usual, krylov = run(scene, stepper, dt)
     exact, _ = run(scene, stepper, dt, tolerance=EXACT)
@@ -61,7 +61,7 @@ def compare(
 
 
 def cell(found: dict[str, float]) -> str:
-    """Error, its ratio to that of exact solves, iterations."""
+    """Return as text: error, its ratio to that of exact solves, iterations."""
     ratio = found["error"] / found["exact"]
     return f"{found['error']:.1e} ({ratio:.2f}; {found['krylov']:.1f})"
 

@@ -1,4 +1,4 @@
-"""What cheaper steps cost and how exact they are, in interleaved runs.
+"""Cost and errors of forward-backward and multirate steps, in interleaved runs.
 
 python benchmarks/steps.py                      all sections
 python benchmarks/steps.py forward-backward
@@ -24,7 +24,7 @@ from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.testcases import get_scene
 
 ROUNDS = 2
-"""Runs of each kind, in turns."""
+"""Number of runs of each kind, in turns."""
 EXPLICIT = ("rk4", "kg5", "leapfrog", "forward-backward")
 CASES = (
     ("williamson5", 16, 4, 15.0),
@@ -35,7 +35,7 @@ CASES = (
 
 
 def forward_backward() -> Section:
-    """Explicit steppers at their automatic steps, against reference solutions."""
+    """Errors and cost of explicit steppers at automatic steps, against reference solutions."""
     rows = [row for case in CASES for row in _raced(*case)]
     return Section(
         "Explicit steppers at their automatic steps",
@@ -81,13 +81,13 @@ def _raced(scene: str, ne: int, np_: int, days: float) -> list[list[str]]:
 
 
 def _automatic(scene: str, mesh: Mesh, name: str, days: float) -> float:
-    """The automatic step [s], shortened so that the end falls on a step."""
+    """Return the automatic step [s], shortened so that the run ends with a whole step."""
     sim = Simulation(scene, mesh=mesh, stepper=name, days=days)
     return days * DAY / np.ceil(days * DAY / (sim.kind.safety * sim.stable_dt()))
 
 
 def _error(scene: str, days: float, sim: Simulation) -> float:
-    """l2 of the surface height."""
+    """Return the l2 error of the surface height."""
     file = SHIPPED / f"{scene}_day{days:.0f}.nc"
     grid = OnGrid(Reference(file), sim.mesh)
     return grid.errors(sim.snapshot.all_fields, "surface")["h"]["l2"]
@@ -97,7 +97,7 @@ MULTIRATE = ("rk4", "forward-backward", "mis2", "mis3c")
 
 
 def multirate() -> Section:
-    """Gravity waves in sub-steps beside steppers that have none."""
+    """Errors and cost of steppers with sub-steps for gravity waves, and of steppers without."""
     mesh, fine = Mesh.build(12, 4), Mesh.build(16, 4)
     cases = (
         ("williamson5", "williamson5", fine, 5.0),
@@ -120,7 +120,7 @@ def multirate() -> Section:
 
 
 def slow_wind(speed: float) -> Scene:
-    """williamson5 with another wind [m s-1], in balance as it is there."""
+    """Return williamson5 with another balanced wind [m s-1]."""
     scene = get_scene("williamson5")
     turn, gravity = scene.planet.radius * scene.planet.rotation, scene.planet.gravity
     fall = (turn * speed + 0.5 * speed**2) / gravity
@@ -159,7 +159,7 @@ def _run(scene: str | Scene, mesh: Mesh, stepper: str, dt: float, days: float) -
     sim = Simulation(scene, mesh=mesh, stepper=stepper)
     sim.begin(RunPlan(dt, count, count, dt))
     if not sim.advance().completed:
-        raise SystemExit(f"{sim.scene.name}: {stepper} blew up with steps of {dt:.0f} s")
+        raise SystemExit(f"{sim.scene.name}: {stepper} became unstable with dt = {dt:.0f} s")
     return sim
 
 

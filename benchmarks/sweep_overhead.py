@@ -1,9 +1,9 @@
-"""What a sweep costs beyond its runs: records, errors, looks at the machine, the dataset.
+"""Cost of a sweep beyond its runs: records, errors, queries of the machine, the dataset.
 
     python benchmarks/sweep_overhead.py [SCENE] [--ne N] [--np N] [--days D] [--repeats R]
 
-Processor time, which tells more than wall time on a busy machine.  A run is all from building its
-model to its last step, as `swe-sphere run` has it; compiling is left out of both.
+The script measures processor time, which varies less than wall time on a busy machine.  A run
+counts from building its model to its last step; compilation is excluded.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ STEPPERS = ["leapfrog", "rk4", "semi-implicit", "tr-bdf2"]
 
 
 class Meter:
-    """Adds up the processor time spent in a function."""
+    """Sum of the processor time spent in a function."""
 
     def __init__(self, function: object) -> None:
         self._function, self.seconds = function, 0.0
@@ -45,7 +45,7 @@ def main(
     days: Annotated[float, typer.Option(help="Length of the runs.")] = 5.0,
     repeats: Annotated[int, typer.Option(help="How often each run is made.")] = 3,
 ) -> None:
-    """Run a sweep and print the share of what is not its runs."""
+    """Run a sweep and print the share of time outside of its runs."""
     import swe_sphere.studies.sweep.runner as runner
 
     runs, warm = Meter(run_timed), Meter(warm_up)

@@ -2,8 +2,8 @@
 
     python benchmarks/thin_layers.py [--days 30]
 
-prints by how much a step amplifies one wave in a constant wind, and the error of the wind in the
-thin layers of the stability tests at automatic steps, with the edge penalty.
+The script prints the amplification of one wave per step in a constant wind, and the error of the
+wind in the thin layers of the stability tests at automatic steps, with the edge penalty.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ FROUDE = (0.25, 0.36, 0.4, 0.5, 0.71, 1.23, 1.6, 2.5, 3.9, 12.3)
 """Wind over wave speed; 1.23, 3.9 and 12.3 are those of layers of 100, 10 and 1 m, and
 0.71 of 300 m."""
 DEPTHS = (1.0, 10.0, 1500.0)
-"""Reference depth over depth of the fluid."""
+"""Ratios of the reference depth of the scheme to the depth of the fluid."""
 LAYERS = (1.0, 10.0, 100.0, 150.0, 200.0, 300.0, 400.0, 600.0, 800.0, 1000.0, 1200.0)
 """Depths of the fluid in runs [m]."""
 
 
 def growth(name: str, wind: float, froude: float, deeper: float) -> float:
-    """Return the largest amplification of a step, less 1, for wind = U k dt."""
+    """Return the largest amplification of a step minus 1; wind: U k dt, deeper: one of `DEPTHS`."""
     wave, unit = wind / froude, np.eye(2)
     full = 1j * np.array([[wind, wave], [wave, wind]])
     linear = 1j * np.array([[0.0, wave], [wave * deeper, 0.0]])

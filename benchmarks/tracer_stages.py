@@ -1,10 +1,10 @@
-"""The coefficients of `swe_sphere/steppers/tracer_steps.py`, derived anew.
+"""Derivation of the coefficients of `swe_sphere/steppers/tracer_steps.py`.
 
 A step of dm/dt = A m in s stages m_i = m_0 + f_i tau A m_(i-1) multiplies an eigenvector with the
 eigenvalue i w by P(i w tau), P(z) = 1 + f_s z (1 + f_(s-1) z (1 + ...)), f_s = 1.  P agrees with
-exp to order 4, |P(i y)| <= 1 up to y = L, and of all such polynomials it is the one that is nearest
-to exp there: a linear programme in the Chebyshev coefficients of P, with the bound on |P| put on
-where it is violated until it is not.
+exp to order 4 and satisfies |P(i y)| <= 1 up to y = L.  Of all such polynomials P is the nearest to
+exp on this interval: it solves a linear programme in its Chebyshev coefficients.  The bound on |P|
+is imposed at points that violate the bound, until no such points remain.
 
     python benchmarks/tracer_stages.py
 """
@@ -20,7 +20,7 @@ from scipy.optimize import linprog
 
 Array = NDArray[np.float64]
 WANTED = ((6, 4.6), (8, 6.2), (10, 7.9))
-"""Stages s, and the reach L."""
+"""Stages s, and reach L."""
 ORDER = 4
 POINTS = np.sin(np.linspace(0.0, np.pi / 2.0, 161))
 ANGLES = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False))
@@ -29,7 +29,7 @@ SCREEN = Console(width=200, highlight=False)
 
 
 def taylor(stages: int, reach: float) -> tuple[Array, Array]:
-    """Equations for the Chebyshev coefficients in y/L that make P agree with exp to `ORDER`."""
+    """Return the equations of Chebyshev coefficients in y/L that make P match exp to `ORDER`."""
     powers = [
         np.pad(chebyshev.cheb2poly(row), (0, stages))[: stages + 1] for row in np.eye(stages + 1)
     ]
@@ -40,7 +40,7 @@ def taylor(stages: int, reach: float) -> tuple[Array, Array]:
 
 
 def values(stages: int, y: Array) -> NDArray[np.complex128]:
-    """What each Chebyshev coefficient adds to P(i y L): even ones are real, odd ones imaginary."""
+    """Return the factors of the coefficients in P(i y L): real if even, imaginary if odd."""
     basis: NDArray[np.complex128] = (
         chebyshev.chebvander(y, stages) * np.array([1.0, 1j])[np.arange(stages + 1) % 2]
     )
@@ -48,7 +48,7 @@ def values(stages: int, y: Array) -> NDArray[np.complex128]:
 
 
 def best(stages: int, reach: float) -> tuple[Array, float]:
-    """Chebyshev coefficients of P, and its largest distance from exp."""
+    """Return the Chebyshev coefficients of P, and the largest distance of P from exp."""
     at = values(stages, POINTS)
     near = (ANGLES[:, None, None].conj() * at).real.reshape(-1, stages + 1)
     target = (ANGLES[:, None].conj() * np.exp(1j * reach * POINTS)).real.ravel()
@@ -75,7 +75,7 @@ def best(stages: int, reach: float) -> tuple[Array, float]:
 
 
 def fractions(coefficients: Array, reach: float) -> list[float]:
-    """f_1 ... f_s of P."""
+    """Return f_1 ... f_s of P."""
     powers = chebyshev.cheb2poly(coefficients)
     terms = [(-1.0) ** (k // 2) * c / reach**k for k, c in enumerate(powers)]
     ratios = [float(after / before) for before, after in itertools.pairwise(terms)]

@@ -1,7 +1,7 @@
-"""What tracers on steps of their own cost, and what that does to their errors.
+"""Cost and errors of tracers with separate time steps.
 
-Runs with one tracer step a step of the flow and with automatic ones go in turns, so that a busy
-moment of the machine meets both.
+Runs with one tracer step per flow step and with automatic tracer steps alternate, so that other
+load on the machine affects both.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from swe_sphere.equations.scene import Scene
 from swe_sphere.testcases import get_scene
 
 COUNT = 8
-"""Tracers of every scene: those of deformational flow, twice."""
+"""Number of tracers of every scene: those of the deformational flow, twice."""
 NE = 12
 
 
 @dataclass
 class Case:
-    """A scene with a stepper, and its runs with each number of tracer steps."""
+    """A scene with a stepper, and its runs by the number of tracer steps."""
 
     scene: str
     stepper: str
@@ -37,7 +37,7 @@ class Case:
     last: dict[int | str, Simulation] = field(default_factory=dict)
 
     def run(self, steps: int | str) -> None:
-        """Run it once more."""
+        """Run the case once more; steps: tracer steps per flow step, or "auto"."""
         sim = Simulation(
             eight(self.scene, self.limiter), ne=NE, np=4, stepper=self.stepper, days=self.days,
             tracer_steps=steps,
@@ -49,7 +49,7 @@ class Case:
         self.last[steps] = sim
 
     def row(self, steps: int | str) -> list[str]:
-        """Cells of a table."""
+        """Return the cells of a row."""
         sim, times, single = self.last[steps], self.seconds[steps], self.seconds[1]
         ratio = statistics.median(a / b for a, b in zip(times, single, strict=True))
         name = self.scene + (", limiter" if self.limiter else "")
@@ -60,7 +60,7 @@ class Case:
         ]  # fmt: skip
 
     def errors(self, steps: int | str) -> list[str]:
-        """The l2 error of hills, bells and cylinders, or their change against short steps."""
+        """Return l2 errors of hills, bells and cylinders, or their change from one tracer step."""
         sim, single = self.last[steps], self.last[1]
         now, then = sim.snapshot.fields, single.snapshot.fields
         right = single.start if self.scene == "deformational" else then
@@ -71,7 +71,7 @@ class Case:
 
 
 def eight(which: str | Scene, limiter: bool) -> Scene:
-    """The scene with eight tracers."""
+    """Return the scene with eight tracers."""
     four = get_scene("deformational").tracers or {}
     tracers = {f"{tracer}{i}": formula for i in ("", "_2") for tracer, formula in four.items()}
     scene = get_scene(which) if isinstance(which, str) else which
@@ -86,11 +86,11 @@ def _l2(area: Any, now: Any, right: Any) -> float:
 
 
 ROUNDS = 3
-"""Times that each run is made."""
+"""Number of repetitions of each run."""
 
 
 def tracers() -> Section:
-    """Run all in turns."""
+    """Cost and errors of separate time steps of tracers; all cases run in turns."""
     cases = [
         Case("deformational", "rk4", 12.0, limiter=False),
         Case("deformational", "rk4", 12.0, limiter=True),

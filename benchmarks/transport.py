@@ -26,11 +26,11 @@ from swe_sphere.testcases import get_scene
 
 PERIOD = 12.0 * DAY
 SHARE = 0.5
-"""Part of the stability limit at the fastest wind that steps take: errors are those of space."""
+"""Step as a fraction of the stability limit in the fastest wind: time errors are negligible."""
 MESHES = ((5, 4), (10, 4), (20, 4), (4, 8), (8, 8))
 CHEAP = ((5, 4), (10, 4), (4, 8))
 DAMPED = ((5, 4), (10, 4))
-"""Hyperviscosity of four tracers and its short steps take their time on finer ones."""
+"""Meshes (ne, np) with hyperviscosity, whose short steps are expensive on finer meshes."""
 TREATMENTS = {
     "nothing": (),
     "limiter": ("tracers.limiter=true",),
@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Run:
-    """A run of 12 days: its mesh, fields at the start, half way and at the end, and its price."""
+    """A run of 12 days: mesh, initial, middle and final fields, and cost."""
 
     mesh: Mesh
     start: dict[str, Array]
@@ -59,17 +59,17 @@ class Run:
         return 90.0 / (self.mesh.ne * (self.mesh.np - 1))
 
     def error(self, name: str) -> dict[str, float]:
-        """Norms of the mixing ratio against that of the start."""
+        """Return error norms of the mixing ratio relative to the initial one."""
         return norms(self.mesh.area, self.end[f"q_{name}"], self.start[f"q_{name}"])
 
     def drift(self, name: str) -> float:
-        """Relative change of the tracer's mass."""
+        """Return the relative change of the mass of a tracer."""
         masses = [self.mesh.area @ fields[f"hq_{name}"] for fields in (self.start, self.end)]
         return float(masses[1] / masses[0] - 1.0)
 
 
 def carried(scene: Scene, ne: int, np_: int) -> Run:
-    """The scene after 12 days with rk4."""
+    """Return the run of a scene over 12 days with rk4."""
     mesh = Mesh.build(ne, np_)
     model = Model(mesh, scene)
     state = model.initial_state()
@@ -107,7 +107,7 @@ def prices() -> Section:
 
 
 def least_time(work: Callable[[], None], batches: int = 60) -> str:
-    """Least time [ms] of a call, which other programs on the machine prolong least."""
+    """Return the least time [ms] of a call as text: other programs only prolong calls."""
     times = []
     for _ in range(batches):
         begun = time.perf_counter()
@@ -162,7 +162,7 @@ def reversals() -> Section:
 
 @cache
 def treated(treatment: str, ne: int, np_: int) -> Run:
-    """Case 4 with the effects of a treatment."""
+    """Return the run of case 4 with the effects of a treatment."""
     scene = get_scene("deformational", case=4)
     return carried(apply_settings(scene, TREATMENTS[treatment]), ne, np_)
 
@@ -200,7 +200,7 @@ def case_4() -> Section:
 
 
 def least_resolution(treatment: str) -> str:
-    """Node distance at which the bells' l2 is `TARGET`, from np 4 meshes, in words."""
+    """Return as text the node distance at which the l2 of the bells is `TARGET`, for np 4."""
     runs = [treated(treatment, ne, 4) for ne in (10, 20)]
     x = np.log([run.degrees for run in runs])
     y = np.log([run.error("cosine_bells")["l2"] for run in runs])
@@ -247,17 +247,17 @@ def mixed() -> Section:
 
 
 def size(run: Run) -> list[str]:
-    """Cells that tell the mesh."""
+    """Return the cells that identify the mesh."""
     return [str(run.mesh.ne), str(run.mesh.np), f"{run.degrees:.2g}"]
 
 
 def numbers(values: dict[str, float] | Iterable[float]) -> list[str]:
-    """Cells of small numbers."""
+    """Return the cells of small numbers."""
     return [f"{x:.1e}" for x in (values.values() if isinstance(values, dict) else values)]
 
 
 def order(error: float, before: dict[tuple[int, int], float], ne: int, np_: int) -> str:
-    """Observed order against the mesh of half as many elements, noted in `before`."""
+    """Return the observed order from the mesh with half the ne; errors are stored in `before`."""
     before[ne, np_] = error
     half = before.get((ne // 2, np_)) if ne % 2 == 0 else None
     return "" if half is None else f"{math.log2(half / error):.1f}"

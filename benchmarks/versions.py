@@ -1,10 +1,10 @@
-"""Right-hand sides and steps beside those of an earlier commit, in turns.
+"""Time of right-hand sides and steps, now and at an earlier commit, measured in turns.
 
     python benchmarks/versions.py [COMMIT] [--rounds N] [--pairs P]
 
-Each version runs in a process of its own and takes steps on request, so that both versions see the
-same load of the machine.  A time depends on where the memory of a process lies, by 20 % at ne16, so
-several pairs of processes are started one after the other.  Needs the history of the repository.
+Each version runs in a separate process and takes steps on request, so that both versions see the
+same load of the machine.  Times depend on the placement of memory, by 20 % at ne16; therefore
+several pairs of processes are measured one after the other.  The script needs the git history.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from sections import Section, measure
 
 ROOT = Path(__file__).parents[1]
 THEN = "8e73fdc"
-"""Of 22 November 2026, before there was a Python API."""
+"""Commit of 22 November 2026, before the Python API existed."""
 LONG = 3600.0
 CASES = (
     ("right-hand side", 16, 4, 0.0, 200),
@@ -52,7 +52,7 @@ CASES = (
     ("esdirk4", 16, 4, LONG, 2),
     ("gauss-legendre", 16, 4, LONG, 2),
 )
-"""Call, ne, np, Δt [s] and the number of calls that are timed together."""
+"""Name of the call, ne, np, Δt [s] and the number of calls that are timed together."""
 WORKER = """
 import json, sys, time
 import warp as wp
@@ -99,7 +99,7 @@ for line in sys.stdin:
 
 @contextmanager
 def version(commit: str) -> Iterator[subprocess.Popen[str]]:
-    """A process in which steps of the sources of a commit are taken, until the block ends."""
+    """Start a process that runs the sources of a commit on request; it ends with the block."""
     with tempfile.TemporaryDirectory() as folder:
         packed = subprocess.check_output(["git", "archive", commit], cwd=ROOT)
         subprocess.run(["tar", "-x", "-C", folder], input=packed, check=True)
@@ -111,7 +111,7 @@ def version(commit: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def seconds(process: subprocess.Popen[str], case: tuple[object, ...]) -> float:
-    """Mean CPU time [s] of a call of one of `CASES`."""
+    """Return the mean CPU time [s] of a call of one of `CASES`."""
     assert process.stdin is not None and process.stdout is not None
     process.stdin.write(json.dumps(case) + "\n")
     process.stdin.flush()

@@ -1,8 +1,8 @@
-"""Runs of one model in a process of its own, asked for and answered in lines of JSON.
+"""Runs of one model in a separate process; requests and answers are lines of JSON.
 
-A request has the keys of `Case` but the fields on the grid, which lie in the file "fields", with
-"steps" and "out", the file for the free surface at the end.  The answer says how long the steps
-took, in seconds of CPU and of wall; setting up, compiling and two steps before that do not count.
+A request has the keys of `Case` except the fields on the grid, which are in the file "fields", and
+the keys "steps" and "out", the file for the final free surface.  The answer contains CPU and wall
+time of the steps [s], without set-up, compilation and two steps before the timed ones.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 
 
 class Model(Protocol):
-    """A case made ready.
+    """A model that is set up for a case.
 
     The case has lat (M,), lon (K,) [rad], the initial u, v [m s-1], depth h and bottom b [m] on
     (M, K), radius [m], rotation [s-1], gravity [m s-2], truncation (the highest degree), stepper
@@ -27,19 +27,19 @@ class Model(Protocol):
     """
 
     def start(self, steps: int) -> Any:
-        """The initial state, ready for so many steps."""
+        """Return the initial state, prepared for a number of steps."""
 
     def run(self, state: Any, steps: int) -> Any:
-        """The state after them: what is timed."""
+        """Return the state after these steps; this call is timed."""
 
     def surface(self, state: Any) -> np.ndarray:
-        """The free surface [m] at lat, lon: (M, K)."""
+        """Return the free surface [m] at lat, lon: (M, K)."""
 
 
 def answer(model: Callable[[Case], Model], version: str) -> None:
-    """Answer requests from the standard input until it ends, first with a version unasked.
+    """Answer requests from standard input until it ends; the first line of answers is the version.
 
-    Answers go to the file descriptor named on the command line: libraries print what they like.
+    Answers go to the file descriptor named on the command line, because libraries print to stdout.
     """
     replies = os.fdopen(int(sys.argv[1]), "w")
     _say(replies, {"version": version})

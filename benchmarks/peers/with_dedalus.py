@@ -13,7 +13,7 @@ logging.disable(logging.INFO)
 
 
 class Model:
-    """In units of the planet's radius and of hours."""
+    """Model of Dedalus, in units of the radius of the planet and of hours."""
 
     def __init__(self, case: serve.Case) -> None:
         self.case = case
@@ -55,12 +55,12 @@ class Model:
             field["g"] = values
 
     def run(self, state: None, steps: int) -> None:
-        """The solver's steps."""
+        """Take the steps with the solver of Dedalus."""
         for _ in range(steps):
             self.solver.step(self.dt)
 
     def surface(self, state: None) -> np.ndarray:
-        """The free surface [m]."""
+        """Return the free surface [m]."""
         for field in (self.h, self.b):
             field.change_scales(self.scales)
         height = self.h["g"] + self.b["g"] + self.mean

@@ -22,7 +22,7 @@ STEPS = {
 
 
 class Model:
-    """In units of the planet's radius and of 1 / (2 Ω); one layer."""
+    """Model of dinosaur with one layer, in units of the radius of the planet and of 1 / (2 Ω)."""
 
     def __init__(self, case: serve.Case) -> None:
         self.grid = Grid(
@@ -52,15 +52,15 @@ class Model:
         return self.grid.to_modal(field / self.metres)
 
     def start(self, steps: int) -> State:
-        """The initial state."""
+        """Return the initial state."""
         return self.initial
 
     def run(self, state: State, steps: int) -> State:
-        """All steps in one compiled loop."""
+        """Take all steps in one compiled loop."""
         return jax.block_until_ready(self.steps(state, steps))
 
     def surface(self, state: State) -> np.ndarray:
-        """The free surface [m]."""
+        """Return the free surface [m]."""
         height = state.potential[0] + self._modes(self.b)
         return np.asarray(self.grid.to_nodal(height) + self.mean).T * self.metres
 

@@ -9,13 +9,13 @@ import serve
 import shtns
 
 ROBERT, WILLIAMS = 0.02, 0.53
-"""Filter of leapfrog steps: its strength, and the share of the middle time (Williams 2009)."""
+"""Strength of the filter of leapfrog steps, and its share at the middle time (Williams 2009)."""
 SMALL = 50
-"""Truncation below which transforms of fields contiguous in latitude are the faster ones."""
+"""Truncation below which transforms are faster with fields contiguous in latitude."""
 
 
 class Model:
-    """A state is absolute vorticity, divergence and geopotential, (3, modes)."""
+    """Spectral model; a state is absolute vorticity, divergence and geopotential, (3, modes)."""
 
     def __init__(self, case: serve.Case) -> None:
         self.case, self.dt, sh = case, case.dt, shtns.sht(case.truncation)
@@ -41,23 +41,23 @@ class Model:
         return self.sh.analys(self._laid(field))
 
     def _laid(self, field: np.ndarray) -> np.ndarray:
-        """A field from or to (M, K)."""
+        """Return a field in the layout of the transforms, or again as (M, K)."""
         return np.ascontiguousarray(field.T if self.across else field)
 
     def start(self, steps: int) -> np.ndarray:
-        """A copy of the initial state."""
+        """Return a copy of the initial state."""
         return self.initial.copy()
 
     def run(self, state: np.ndarray, steps: int) -> np.ndarray:
-        """Classical Runge-Kutta steps, or semi-implicit leapfrog steps."""
+        """Take classical Runge-Kutta steps, or semi-implicit leapfrog steps."""
         return {"rk4": self._rk4, "semi-implicit": self._leapfrog}[self.case.stepper](state, steps)
 
     def surface(self, state: np.ndarray) -> np.ndarray:
-        """The free surface [m]."""
+        """Return the free surface [m]."""
         return self._laid(self.sh.synth(state[2] + self.bottom)) / self.case.gravity
 
     def tendency(self, state: np.ndarray, rate: np.ndarray) -> None:
-        """Three transforms of scalars and three of vectors; everything else in place."""
+        """Write the rates of a state to `rate`: three transforms of scalars, three of vectors."""
         sh, (south, east, vorticity, depth, a, b), (s, t) = self.sh, self.points, self.modes
         np.subtract(state[0], self.planetary, out=t)
         t *= self.to_wind
@@ -100,7 +100,7 @@ class Model:
         return state
 
     def _leapfrog(self, now: np.ndarray, steps: int) -> np.ndarray:
-        """Waves over the mean depth by the trapezoidal rule; the first step is half as long."""
+        """Take leapfrog steps, trapezoidal for waves; the first step is half as long."""
         old, rate = now.copy(), np.empty_like(now)
         for n in range(steps):
             reach = self.dt * (1.0 if n else 0.5)

@@ -1,4 +1,4 @@
-"""This model."""
+"""Runs of swe_sphere for the comparison of models."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ wp.config.log_level = wp.LOG_WARNING
 
 
 class Model:
-    """The surface is taken at the points asked for, as the polynomials it is."""
+    """Model of swe_sphere; its polynomials are evaluated at the requested points."""
 
     def __init__(self, case: serve.Case) -> None:
         self.case, self.mesh = case, Mesh.build(case.ne, case.np)
@@ -23,19 +23,19 @@ class Model:
         self.points = Interpolator(self.mesh, lon.ravel(), lat.ravel())
 
     def start(self, steps: int) -> Simulation:
-        """A simulation that stands before its first step."""
+        """Return a simulation before its first step."""
         case = self.case
         sim = Simulation(case.scene, mesh=self.mesh, stepper=case.stepper, precision=case.precision)
         sim.begin(RunPlan(case.dt, steps, steps, case.dt))
         return sim
 
     def run(self, state: Simulation, steps: int) -> Simulation:
-        """All steps, with the checks that every run has."""
+        """Take all steps, with the checks of every run."""
         state.advance()
         return state
 
     def surface(self, state: Simulation) -> np.ndarray:
-        """The free surface [m]."""
+        """Return the free surface [m]."""
         fields = state.snapshot.all_fields
         height = self.points(fields["h"] + fields.get("b", 0.0))
         return height.reshape(self.case.lat.size, self.case.lon.size)

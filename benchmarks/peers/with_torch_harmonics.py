@@ -13,19 +13,19 @@ torch.set_num_threads(1)
 
 
 class OverMountain(ShallowWaterSolver):
-    """With a bottom; its steps are third-order Adams-Bashforth."""
+    """Solver with a bottom; it steps by the third-order Adams-Bashforth method."""
 
     bottom = 0.0
 
     def dudtspec(self, uspec: torch.Tensor) -> torch.Tensor:
-        """Rates of geopotential, vorticity and divergence."""
+        """Return the rates of geopotential, vorticity and divergence."""
         rate = super().dudtspec(uspec)
         rate[2] -= self.lap * self.bottom
         return rate
 
 
 class Model:
-    """Latitudes lie from north to south."""
+    """Model of torch-harmonics; its latitudes go from north to south."""
 
     def __init__(self, case: serve.Case) -> None:
         planet = {"radius": case.radius, "omega": case.rotation, "gravity": case.gravity}
@@ -42,16 +42,16 @@ class Model:
         self.initial = torch.tril(self.initial)
 
     def start(self, steps: int) -> torch.Tensor:
-        """The initial state."""
+        """Return the initial state."""
         return self.initial.clone()
 
     @torch.no_grad()
     def run(self, state: torch.Tensor, steps: int) -> torch.Tensor:
-        """The solver's own steps."""
+        """Take the steps of the solver."""
         return self.solver.timestep(state, steps)
 
     def surface(self, state: torch.Tensor) -> np.ndarray:
-        """The free surface [m]."""
+        """Return the free surface [m]."""
         return self.solver.spec2grid(state[0] + self.solver.bottom).numpy()[::-1] / self.gravity
 
 
