@@ -2,7 +2,7 @@
 
     swe-sphere sweep --recipe benchmarks/resolution.toml --out build/resolution
     python benchmarks/resolution.py benchmarks/resolution.toml build/resolution PAGE_FOLDER
-                                    [--elsewhere SWEEPS_OF_ANOTHER_MACHINE]
+        [--elsewhere SWEEPS_OF_ANOTHER_MACHINE] [--findings benchmarks/resolution_findings.md]
 
 The first command runs the sweeps of the recipe, and resumes them; benchmarks/resolution_quick.toml
 is a small one.  The second fits a power law of ne and the Froude number to the ratios of cost,
@@ -120,10 +120,12 @@ def write_map(
     *,
     recipe: Recipe,
     elsewhere: Mapping[str, Dataset] | None = None,
+    findings: str = "",
 ) -> Path:
     """Write the page of a map, README.md, and its figures (SVG); return the path of the page.
 
     elsewhere: sweeps on another machine, whose ratios are shown beside those of this one.
+    findings: Markdown below the first table: what the measurement shows, and its limits.
     Raises as `best_steps`.
     """
     best = best_steps(datasets)
@@ -148,7 +150,7 @@ def write_map(
     files["README.md"] = environment.get_template("resolution.md.j2").render(
         recipe=recipe, figures=figures, **fits, best=best, bases=BASES, base="explicit",
         families=OTHERS, attributes=[dataset.attrs for dataset in datasets.values()],
-        elsewhere=_other_machine(elsewhere),
+        elsewhere=_other_machine(elsewhere), findings=findings.rstrip(),
     )  # fmt: skip
     out.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
@@ -183,10 +185,17 @@ def _figure(best: pd.DataFrame) -> Figure:
     return figure
 
 
-def main(recipe: str, sweeps: Path, out: Path, elsewhere: Path | None = None) -> None:
+def main(
+    recipe: str,
+    sweeps: Path,
+    out: Path,
+    elsewhere: Path | None = None,
+    findings: Path | None = None,
+) -> None:
     """Write the map of the sweeps of a recipe, from the folder `sweeps` to the folder `out`.
 
     elsewhere: folder of sweeps of the same recipe on another machine.
+    findings: Markdown file whose text follows the first table.
     """
     loaded = load_recipe(recipe)
 
@@ -195,7 +204,8 @@ def main(recipe: str, sweeps: Path, out: Path, elsewhere: Path | None = None) ->
         return {path.parent.name: xr.load_dataset(path) for path in places if path.exists()}
 
     others = sweeps_in(elsewhere) if elsewhere else None
-    typer.echo(write_map(sweeps_in(sweeps), out, recipe=loaded, elsewhere=others))
+    text = findings.read_text(encoding="utf-8") if findings else ""
+    typer.echo(write_map(sweeps_in(sweeps), out, recipe=loaded, elsewhere=others, findings=text))
 
 
 if __name__ == "__main__":
