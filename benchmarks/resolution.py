@@ -38,6 +38,8 @@ from swe_sphere.studies.sweep.sweep_plan import Recipe, folder_of, load_recipe
 
 BASES = {"explicit": "the best explicit step", "rk4": "`rk4`"}
 """What other families are compared with."""
+COLUMNS = ["series", "ne", "target", "family", "stepper", "dt", "cost", "froude", *BASES]
+"""Columns of the file steps.csv."""
 OTHERS = tuple(name for name in get_args(Family) if name not in BASES)
 
 
@@ -122,7 +124,7 @@ def write_map(
     elsewhere: Mapping[str, Dataset] | None = None,
     findings: str = "",
 ) -> Path:
-    """Write the page of a map, README.md, and its figures (SVG); return the path of the page.
+    """Write the page of a map, README.md, its figures (SVG) and steps.csv; return the page's path.
 
     elsewhere: sweeps on another machine, whose ratios are shown beside those of this one.
     findings: Markdown below the first table: what the measurement shows, and its limits.
@@ -152,6 +154,7 @@ def write_map(
         families=OTHERS, attributes=[dataset.attrs for dataset in datasets.values()],
         elsewhere=_other_machine(elsewhere), findings=findings.rstrip(),
     )  # fmt: skip
+    files["steps.csv"] = best[COLUMNS].to_csv(index=False, float_format="%.6g")
     out.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
         (out / name).write_text(text, encoding="utf-8")
