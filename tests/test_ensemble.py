@@ -163,8 +163,8 @@ def test_a_member_whose_file_does_not_say_its_length_is_not_kept(tmp_path):
 @pytest.mark.parametrize(
     ("values", "seeds", "error", "message"),
     [
-        ({}, (1,), ConfigError, "give 2 to 1000 different ones, got 1"),
-        ({}, (1, 1), ConfigError, "different ones, got 1,1"),
+        ({}, (1,), ConfigError, "give 2 to 1000 different numbers, got 1"),
+        ({}, (1, 1), ConfigError, "different numbers, got 1,1"),
         ({}, (-1, 1), ConfigError, "galewsky: seed must not be negative"),
         ({"scene": "williamson2"}, (1, 2), ConfigError, "has no parameter 'seed'"),
         ({"dt": 20000.0, "days": 5.0}, (1, 2), RunFailed, "seed 1: "),
@@ -229,7 +229,7 @@ def test_ctrl_c_ends_an_ensemble_with_130_and_the_same_command_goes_on(tmp_path,
     [
         (["--field", "b"], "it is the same in all members"),
         (["--fields", "h,u"], "the field 'vorticity' is missing; there are h, u, b"),
-        (["--seeds", "1-2000000000"], "give 2 to 1000 different ones"),
+        (["--seeds", "1-2000000000"], "give 2 to 1000 different numbers"),
     ],
 )
 def test_an_ensemble_that_comes_to_nothing_is_one_line(tmp_path, capsys, more, said):

@@ -132,7 +132,7 @@ def with_attributes(path, **attributes):
 @pytest.mark.parametrize(
     ("attributes", "told"),
     [
-        ({"ne": 1026}, "ne=1026 and np=4 make 56844506 nodes, and it has 218"),
+        ({"ne": 1026}, "ne=1026 and np=4 make 56844506 nodes, but the file has 218"),
         ({"ne": -2}, "greater than or equal to 0"),
         ({"ne": 2.0}, "valid integer"),
         ({"np": "4"}, "valid integer"),

@@ -512,7 +512,7 @@ def test_those_who_started_ranks_say_how_many(monkeypatch, said, started):
 
 def test_more_ranks_than_were_started_are_refused(mpi):
     ended = program("run", "williamson2", "--ne", 2, "--ranks", 5, ranks=2)
-    assert ended.returncode == 2 and "2 have been started" in ended.stderr
+    assert ended.returncode == 2 and "2 are running already" in ended.stderr
 
 
 @pytest.mark.thorough
@@ -523,7 +523,7 @@ def test_a_file_says_how_many_ranks(mpi, tmp_path):
     run = ["run", "--config", file, "--quiet"]
     ended = program(*run, ranks=2)
     assert ended.returncode == 2 and ended.stderr.count("\n") == 1
-    assert "ranks=3: 2 have been started" in ended.stderr
+    assert "ranks=3: 2 are running already" in ended.stderr
     for more in [("--ranks", 2), ("--restart", out, "--days", 0.2, "--out", out)]:
         ended = program(*run, *more)
         assert (ended.returncode, ended.stderr) == (0, "")

@@ -248,7 +248,7 @@ def test_a_grid_that_is_not_global(tmp_path):
             data.createDimension(name, len(values))
             data.createVariable(name, "f8", (name,))[:] = values
         data.createVariable("surface_height", "f8", ("lat", "lon"))[:] = 1.0
-    with pytest.raises(ConfigError, match="round the globe"):
+    with pytest.raises(ConfigError, match="evenly spaced eastward"):
         Reference(path)
 
 
@@ -257,7 +257,7 @@ def test_a_grid_that_goes_westward(tmp_path):
     path = write_grid(tmp_path / "grid.nc")
     with netCDF4.Dataset(path, "a") as data:
         data["lon"][:] = data["lon"][::-1].copy()
-    with pytest.raises(ConfigError, match="evenly eastward"):
+    with pytest.raises(ConfigError, match="evenly spaced eastward"):
         Reference(path)
 
 

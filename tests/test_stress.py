@@ -351,7 +351,7 @@ def test_a_page_of_chosen_cases_replaces_only_a_page_of_the_same(tmp_path, capsy
     page.write_text("# Stability\n\nAll cases.\n")
     with pytest.raises(SystemExit) as end:
         main(line)
-    assert end.value.code == 2 and "contains other cases than" in capsys.readouterr().err
+    assert end.value.code == 2 and "is a page of other cases" in capsys.readouterr().err
     assert page.read_text() == "# Stability\n\nAll cases.\n"
     page.unlink()
     same = [

@@ -27,7 +27,7 @@ REPEATED = ("settings", "diagnostics", "reference", "trust")
 
 
 def option(metavar: str, text: str, default: Any = None) -> Any:
-    """Return an option of a command, the default value of the parameter of its name."""
+    """Return an option of a command, to be the default value of the parameter with its name."""
     return typer.Option(default, metavar=metavar, help=text)
 
 
@@ -41,9 +41,9 @@ def with_flags(
 ) -> Callable[[F], F]:
     """Give a command `f(**values)` a flag for each field of the model.
 
-    argument: the field that is given without a flag, if any; without: fields that have none. The
-    command's own parameters stay; missing flags are None, and the descriptions of the fields are
-    the help.
+    argument: field that becomes a positional argument, if any; without: fields without a flag. The
+    command keeps its other parameters; missing flags are None, and the descriptions of the fields
+    are the help.
     """
 
     def give(function: F) -> F:

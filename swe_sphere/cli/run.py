@@ -68,7 +68,7 @@ def run(
             mesh = asked if before is None else before.adopt(asked)
             return start_ranks(ranks, mesh.ne or make_scene(mesh).ne, context.obj)
         if ranks not in (None, comm.size):
-            raise ConfigError(f"ranks={ranks}: {comm.size} have been started: leave ranks out")
+            raise ConfigError(f"ranks={ranks}: {comm.size} are running already: leave ranks out")
         summary = _run(asked)
     except Exception as error:
         if said.get("as_json") and comm.rank == 0:
@@ -124,10 +124,10 @@ def _show_summary(summary: Summary, config: RunConfig) -> None:
 
 
 def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
-    """Run the same command line in that many processes; return the exit status of all.
+    """Run the command line `arguments` in processes of mpiexec; return their exit status.
 
-    Raises ConfigError if there is no MPI to start them, or no memory for so many, or a mesh of that
-    ne has too few elements.
+    Raises ConfigError if MPI is missing, the memory is too small for so many processes, or a mesh
+    of that ne has too few elements.
     """
     if ranks < 1:
         raise ConfigError(f"ranks={ranks}: give a number of processes, at least 1")
@@ -146,7 +146,7 @@ def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
         command, stdin=DEVNULL, stdout=PIPE, stderr=PIPE, text=True, preexec_fn=_end_with_parent,
         process_group=0, env={**os.environ, NAMED: "1"},
     ) as job:  # fmt: skip
-        # in a separate group a Ctrl-C reaches it once, from here, like other signals
+        # in a separate group, mpiexec receives Ctrl-C once, from here, like other signals
         for number in ENDING:
             if signal.getsignal(number) != signal.SIG_IGN:
                 signal.signal(number, lambda sent, _: job.send_signal(ENDING[signal.Signals(sent)]))

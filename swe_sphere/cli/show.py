@@ -96,7 +96,7 @@ def open_streams() -> None:
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_WRONLY if number == 2 else os.O_RDONLY)  # the lowest is free
+            os.open(os.devnull, os.O_WRONLY if number == 2 else os.O_RDONLY)  # the lowest free one
     for name, number, kind in (("stdout", 1, Results), ("stderr", 2, Notes)):
         old = getattr(sys, f"__{name}__")
         if getattr(sys, name) is old:

@@ -134,14 +134,14 @@ def _page_file(out: Path, folder: str, quick: bool, words: Sequence[str]) -> Pat
     numbers = file.with_suffix(".json")
     with clear_errors(f"cannot write to {file.parent}"):
         file.parent.mkdir(parents=True, exist_ok=True)
-    check_ours(file, f"# {folder.capitalize()}\n", what="is not such a page")
+    check_ours(file, f"# {folder.capitalize()}\n", what=f"is no {folder} page")
     if numbers.exists() and not file.exists():
         raise ConfigError(f"out: {numbers} belongs to another page and would be replaced: move it")
     with clear_errors(f"cannot read {numbers}"):
         if quick and numbers.exists() and b'"quick": true' not in contents_of(numbers):
             raise ConfigError(f"out: {numbers} is of the full form: choose another name")
     if words and file.exists() and f"{shlex.join(words)} --out " not in file.read_text("utf-8"):
-        raise ConfigError(f"out: {file} contains other cases than those: take another name")
+        raise ConfigError(f"out: {file} is a page of other cases: choose another name")
     return file
 
 

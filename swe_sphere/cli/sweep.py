@@ -153,7 +153,7 @@ def _show_sweep(dataset: xr.Dataset) -> None:
 
 
 def _show_rankings(found: Sequence[Ranking]) -> None:
-    """Print the headline and the table of each ranking, and how to read the last."""
+    """Print the headline and the table of each ranking, and at the end how to read a table."""
     for ranking in found:
         typer.echo(ranking.headline)
         if ranking.answered is not None:

@@ -46,7 +46,7 @@ def write_whole(path: Path, contents: str | bytes) -> None:
 
 
 def contents_of(path: Path) -> bytes:
-    """Contents of a file; OSError if it does not exist, or is a pipe, which would block."""
+    """Return the contents of a file; OSError if there is none, or a pipe, which would block."""
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "it is not a file", str(path))
     return path.read_bytes()
@@ -128,10 +128,10 @@ def claim(path: Path, folder: bool = False) -> tuple[int, Path]:
         raise ConfigError(f"cannot write {path}: it is not a {what}")
     file, part = _create(path, folder)
     wait = PATIENCE
-    while True:  # of programs that create their files at once, that of the first name stays
+    while True:  # if programs create files at the same time, the first in order of names stays
         try:
             _remove_unfinished(path, part)
-            if path.exists():  # looked at last: temporary files are renamed to it
+            if path.exists():  # checked last: temporary files are renamed to it
                 release(_locked(path, os.O_RDONLY, path))
             return file, part
         except (ConfigError, OSError):
@@ -144,8 +144,8 @@ def claim(path: Path, folder: bool = False) -> tuple[int, Path]:
 
 
 def _remove_unfinished(path: Path, own: Path | None = None) -> None:
-    """Remove temporary files of killed programs; then ConfigError if a program writes another."""
-    for passed_over in (ConfigError, FileNotFoundError):  # refuses in the second round
+    """Remove temporary files of killed programs; ConfigError if another program writes the path."""
+    for passed_over in (ConfigError, FileNotFoundError):  # the second round may raise ConfigError
         for left in [each for each in _marked(path) if each != own]:
             with suppress(FileNotFoundError, passed_over):
                 release(_locked(left, os.O_RDONLY | os.O_NOFOLLOW, path))
@@ -153,7 +153,7 @@ def _remove_unfinished(path: Path, own: Path | None = None) -> None:
 
 
 def _create(path: Path, folder: bool = False) -> tuple[int, Path]:
-    """Create and lock a temporary file or folder, as `claim`."""
+    """Create and lock a temporary file or folder; return its descriptor and its name."""
     part = _new_name(path)
     if folder:
         part.mkdir()
@@ -232,7 +232,7 @@ def allocate(file: int, path: Path, size: int) -> None:
 
 @contextmanager
 def clear_errors(what: str, kind: type[SweError] = ConfigError, after: str = "") -> Iterator[None]:
-    """Turn errors of the operating system or netCDF inside into one line: what, why, after."""
+    """Convert errors of the system or netCDF in the block to a `kind`: "what: reason" + after."""
     try:
         yield
     except (OSError, RuntimeError) as error:

@@ -106,7 +106,7 @@ def processor(device: str = "cpu") -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of Python, of this package and of the libraries that compute."""
+    """Return the versions of Python, Warp, NumPy and this package."""
     import warp as wp
 
     return {

@@ -47,7 +47,7 @@ def load_file(path: Path, what: str) -> ModuleType:
     Raises ConfigError if there is no such file or it fails; the message names file and line.
     """
     contents, place = file_contents(path, what), str(path.resolve())
-    # each file has another name
+    # files of the same name in different folders become different modules
     module = ModuleType(f"user_{path.stem}_{fingerprint([place])[:8]}")
     module.__file__ = place
     sys.modules[module.__name__] = module  # dataclasses and Warp search for it there
@@ -95,7 +95,7 @@ R = TypeVar("R")
 
 
 def guarded(what: str, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-    """Return the result of a user-defined function; raises ConfigError as `users_code`."""
+    """Return the result of a user-defined function; errors are converted as in `users_code`."""
     with users_code(what):
         return function(*args, **kwargs)
 

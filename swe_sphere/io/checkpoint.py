@@ -69,7 +69,7 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
     """Return the checkpoint of a file of frames, or the one in a separate file.
 
     Raises ConfigError, in one line, if a file is missing or damaged, or if the checkpoint beside
-    the file of frames is that of another run.
+    the file of frames belongs to another run.
     """
     path = Path(path)
     with clear_errors(f"cannot read {path}"):

@@ -69,7 +69,7 @@ class GrowingOutput:
         """Numbers of records (frames) and of samples in each series."""
 
     def put_in_place(self) -> None:
-        """Give the file its final name, unless it has it already."""
+        """Rename the file to its final name, unless that has been done."""
         if not self._in_place:
             take_place(self._part, self._place)
             self._in_place = True
@@ -167,7 +167,7 @@ class GrowingFile(GrowingOutput):
         os.fsync(self._descriptor)
 
     def check(self, path: Path) -> None:
-        """Raise the errors of `GrowingOutput`, also for a file that is truncated or changed."""
+        """Raise RunFailed as in `GrowingOutput`, and if the file was truncated or changed."""
         super().check(path)
         if self._in_place and (
             os.fstat(self._descriptor).st_size < self._end
@@ -190,8 +190,8 @@ class GrowingFile(GrowingOutput):
 class GrowingStore(GrowingOutput):
     """A Zarr store with the methods of `GrowingFile`.
 
-    Samples are stored with the next record or text; their number is not limited. Data of a failed
-    write are never counted, and the next write replaces them.
+    Samples are stored with the next record or summary; their number is not limited. Data of a
+    failed write are never counted, and the next write replaces them.
     """
 
     def __init__(self, place: Path) -> None:

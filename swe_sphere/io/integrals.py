@@ -1,7 +1,7 @@
 """Means over the sphere: integrals that the equations conserve, error norms, Courant numbers.
 
-Area means I(psi) = integral of psi over the sphere / area of the sphere, with the quadrature of the
-mesh. With |.| the length of the value (a number or a two-component vector), errors are
+Area means are I(psi) = integral of psi over the sphere / area of the sphere, by the quadrature of
+the mesh. With |.| the length of the value (a number or a two-component vector), errors are
 
     l1 = I(|x - y|) / I(|y|),  l2 = sqrt(I(|x - y|^2) / I(|y|^2)),  linf = max|x - y| / max|y|.
 
@@ -68,7 +68,7 @@ def field_errors(
     """Return the errors of depth "h" and, if both have them, of wind "v" and vorticity.
 
     numeric, exact: h [m] and perhaps u, v [m s-1] and vorticity [s-1], each (N,), at the same
-    points. With bottom (N,) [m] the heights are those of the free surface, h + bottom.
+    points. With bottom (N,) [m] the errors "h" are errors of the free surface, h + bottom.
     """
     pairs = {"h": (numeric["h"] + bottom, exact["h"] + bottom)}
     both = numeric.keys() & exact.keys()
@@ -206,6 +206,6 @@ def tracer_numbers(
 def tracer_errors(
     mesh: Mesh, fields: Mapping[str, Array], exact: Mapping[str, Array]
 ) -> dict[str, float]:
-    """Return l1_q_NAME, l2_q_NAME and linf_q_NAME of each tracer; NaN where `exact` is."""
+    """Return l1_q_NAME, l2_q_NAME and linf_q_NAME of each tracer; NaN if `exact` contains NaN."""
     names = {name: f"q_{name}" for name in exact}
     return by_name({q: norms(mesh.area, fields[q], exact[name]) for name, q in names.items()})

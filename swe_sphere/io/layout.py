@@ -80,7 +80,7 @@ def frame_dataset(
     attributes: Mapping[str, Any],
     own: Mapping[str, Mapping[str, str]],
 ) -> xr.Dataset:
-    """Return fields on (time, node) as in a file; own: attributes of user-defined fields."""
+    """Return fields at `time` [s] on (time, node); own: attributes of user-defined fields."""
     import xarray as xr
 
     tracers = [name.removeprefix(TRACER) for name in fields if name.startswith(TRACER)]
@@ -166,7 +166,7 @@ def _on_nodes(mesh: Mesh, bottom: ArrayLike, coriolis: ArrayLike) -> dict[str, A
 
 
 def plain(values: Mapping[str, object]) -> dict[str, Any]:
-    """Values in types that files can contain: numbers, texts, rows of numbers; others as JSON."""
+    """Return values as types that files can contain: numbers, texts, rows of numbers, or JSON."""
     return {name: _plain(value) for name, value in in_python(values).items()}
 
 
@@ -186,7 +186,7 @@ def in_python(values: Mapping[Any, Any]) -> dict[str, Any]:
 
 
 def history(action: str, before: str = "") -> str:
-    """Return a line for this action, above those of earlier ones (CF-1.11, section 2.6.2)."""
+    """Return a line for this action, above the lines `before` it (CF-1.11, section 2.6.2)."""
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     line = f"{now} swe-sphere {__version__}: {action}"
     return f"{line}\n{before}" if before else line

@@ -99,7 +99,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         about = {**attributes, "run_id": uuid.uuid4().hex, **kept, "history": line}
         self._attributes = plain(about)
         self.run_id = str(about["run_id"])
-        """Identifier of the run; a resumed run keeps that of the earlier one."""
+        """Identifier of the run; a resumed run keeps the identifier of the earlier run."""
         self._series: tuple[str, ...] = ()
         size += (LAYOUT_BYTES + 8 * len(self._fields)) * mesh.size
         place = self.path.resolve() if self.path.is_symlink() else self.path
@@ -139,8 +139,8 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
     def record(self, time: float, diagnostics: Mapping[str, float | None]) -> None:
         """Append numbers at time [s] to the series along `diagnostic_time`, after a first frame.
 
-        None and absent names are missing. Raises ValueError for a name that the first frame did not
-        have, and if there is no space for more.
+        None and absent names are stored as missing. Raises ValueError for a name that was absent in
+        the first frame, and if there is no space for more.
         """
         with self._writing():
             self._growing.add_sample(self._sample(time, diagnostics))

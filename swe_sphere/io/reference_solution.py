@@ -1,4 +1,4 @@
-"""References to compare runs with, errors of runs against them, and of one file against another."""
+"""Reference solutions; errors of runs relative to them, and of one file relative to another."""
 
 import os
 import re
@@ -90,7 +90,7 @@ class Reference(Source):
         around = np.diff(np.unwrap(np.append(self.lon, self.lon[0])))
         if count % 2 or not np.allclose(around, 2.0 * np.pi / count, atol=1e-6):
             raise ConfigError(
-                f"{self.path}: longitudes must go round the globe evenly eastward, an even number"
+                f"{self.path}: an even number of longitudes is needed, evenly spaced eastward"
             )
         self._area: Array = np.repeat(latitude_weights(self.lat, bounds) / count, count)
 
@@ -136,7 +136,7 @@ class Spline:
 
 
 def _fields(path: Path, data: "xr.Dataset", index: int) -> dict[str, Array]:
-    """Fields (M K,) by this package's names, at the time of that index if there are times."""
+    """Return fields (M K,) by this package's names, at the time `index` if there are times."""
     there = {RENAMED.get(str(name), str(name)): one for name, one in data.variables.items()}
     return {
         name: checked(path, name, one[index if one.ndim == 3 else ...]).astype(float).ravel()
@@ -176,7 +176,7 @@ class OnGrid:
 
 
 def reference_field(reference: Reference, field: str, bottom: Array | None) -> str:
-    """Field to compare, because a reference may contain the free surface and no depth."""
+    """Return the field, or "surface" for a missing "h"; ConfigError if the bottom is not zero."""
     if field != "h" or "h" in reference.fields:
         return field
     if bottom is not None and np.any(bottom):
@@ -212,7 +212,7 @@ class Exact:
                 )
             found: Array = known[name]
         elif scene.exact is None:
-            raise ConfigError(f"of {scene.name} only tracers are known: name one")
+            raise ConfigError(f"{scene.name} has exact tracers only: name one")
         elif field in DERIVATIVES:
             u, v, _ = scene.exact(mesh.lon, mesh.lat, now)
             found = Interpolator(mesh, lon, lat)(DERIVATIVES[field](mesh, u, v))

@@ -76,8 +76,8 @@ def mesh_of(attributes: Mapping[str, Any], nodes: int, failure: str) -> Mesh:
         validated(RunAttributes, values)
         if (expected := 6 * (ne * (np - 1)) ** 2 + 2) != nodes:
             raise ConfigError(
-                f"ne={ne} and np={np} make {expected} nodes, and it has {nodes}: it holds a part of"
-                " the nodes, or is damaged"
+                f"ne={ne} and np={np} make {expected} nodes, but the file has {nodes}: it holds a"
+                " part of the nodes, or is damaged"
             )
         return Mesh.build(**values)
     except ConfigError as error:
@@ -85,7 +85,7 @@ def mesh_of(attributes: Mapping[str, Any], nodes: int, failure: str) -> Mesh:
 
 
 FINITE = (*VARIABLES["frames"], "b", "surface", SERIES)
-"""Fields without missing values, as are mixing ratios."""
+"""Variables that must not have missing values; mixing ratios must not either."""
 TOLERANCE = 1e-6 * DAY
 """Largest difference [s] between a frame's time and the requested one."""
 
@@ -189,10 +189,10 @@ class Source(ABC):
 
     @abstractmethod
     def frame(self, time: float | None = None) -> dict[str, Array]:
-        """Fields (N,) at time [s] (None: the last), by name; of a run at least u, v, h, b."""
+        """Return the stored fields (N,) at time [s] (None: the last) by name; of a run also b."""
 
     def state(self, time: float | None = None) -> dict[str, Array]:
-        """Fields as of `frame`, with the Coriolis parameter f where the source has it."""
+        """Return the fields of `frame`, and the Coriolis parameter f if the source contains it."""
         return self.frame(time)
 
     @abstractmethod
@@ -200,7 +200,7 @@ class Source(ABC):
         """Return a sampler that evaluates fields (N,) and winds at points lon, lat (M,) [rad]."""
 
     def index(self, time: float | None) -> int:
-        """Return the number of the frame at time [s], of the last for None; ConfigError if none."""
+        """Return the index of the frame at time [s], of the last for None; ConfigError if none."""
         if self.times.size == 0:
             raise ConfigError(f"{self.path} holds no frame yet")
         if time is None:
@@ -300,7 +300,7 @@ class RunFile(Nodal):
         return self.frame(time) | known
 
     def series(self) -> tuple[Array, dict[str, Array]]:
-        """Times (D,) [s] of the diagnostics and each of them (D,), NaN where missing."""
+        """Return the times (D,) [s] of the diagnostics, and each series (D,), NaN where missing."""
         with reading(self.path) as data:
             series = {str(n): v for n, v in data.variables.items() if v.dims == (SERIES,)}
             found = {name: checked(self.path, name, v) for name, v in series.items()}

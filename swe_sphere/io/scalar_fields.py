@@ -42,7 +42,7 @@ has the mixing ratio "q_NAME" of each."""
 
 
 def describe(name: str, about: Mapping[str, Any] | None = None) -> FieldStyle:
-    """Return the title and look of the field of that name; about: attributes of its variable."""
+    """Return title and drawing options of a field by name; about: attributes of its variable."""
     if name.startswith(TRACER):
         return FieldStyle(
             f"mixing ratio of {name.removeprefix(TRACER)}", "1", "lajolla_r", contours=False
@@ -59,7 +59,7 @@ def check_field(name: str, own: Iterable[str] = (), *, vector: bool = False) -> 
 
     own: names of the fields in a file. Only the file determines which names of tracers exist.
 
-    Raises ConfigError with the nearest name otherwise.
+    Raises ConfigError, with the nearest name, if there is no such field.
     """
     names = [*FIELDS, "wind"] if vector else [*FIELDS]
     names += [each for each in own if each not in names]
@@ -92,7 +92,7 @@ class Sampler(Protocol):
         """Return a scalar field at these points."""
 
     def wind(self, u: Array, v: Array) -> tuple[Array, Array]:
-        """Return the eastward and northward components of a vector."""
+        """Return the eastward and northward components of a vector at these points."""
 
 
 def evaluate(sampler: Sampler, fields: Mapping[str, Array], name: str) -> Array:

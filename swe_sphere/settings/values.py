@@ -152,7 +152,7 @@ def place_and_complaint(error: ValidationError) -> str:
 
 
 def validated(model: type[M], values: Mapping[str, object]) -> M:
-    """Return the model of some values.
+    """Return an instance of the model with these values, converted and checked.
 
     Raises ConfigError for an unknown name or an unfit value, in one line that names the flag.
     """

@@ -137,8 +137,8 @@ def make_scene(
 def shipped_solution(scene: Scene, days: float) -> Path | None:
     """Return the file of the solution of a scene at that day that comes with the package, if any.
 
-    It is that of exactly this scene, which has no exact solution: everything but its labels and
-    recommendations agrees, functions on a grid of 2.5 degrees.
+    The scene has no exact solution and agrees with the scene of the file in all `DECISIVE`
+    attributes; functions are compared on a grid of 2.5 degrees.
     """
     places = numpy.meshgrid(numpy.radians(numpy.r_[:360:2.5]), numpy.radians(numpy.r_[-90:90:73j]))
     for label, (name, settings) in SHIPPED.items():
@@ -180,9 +180,9 @@ def check_mesh(config: RunConfig, scene: Scene) -> dict[str, Any]:
 
 
 def make_mesh(config: RunConfig, scene: Scene, made: Mesh | None = None) -> Mesh:
-    """Return the mesh of the configuration, or the given one once it is checked.
+    """Return the mesh of the configuration, or the existing mesh `made` if it fits the planet.
 
-    Raises ConfigError as `check_mesh`, and for a given mesh of another planet.
+    Raises the errors of `check_mesh`, and ConfigError if `made` has another radius.
     """
     values = check_mesh(config, scene)
     if made is None:
@@ -196,7 +196,7 @@ def make_mesh(config: RunConfig, scene: Scene, made: Mesh | None = None) -> Mesh
 
 
 def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:
-    """Return all options of a stepper: as configured, and else their defaults.
+    """Return all options of a stepper: configured values, otherwise defaults.
 
     Raises ConfigError if the stepper has no such option, or the value does not fit.
     """
@@ -221,7 +221,7 @@ MEMORY = read_toml(Path(__file__).with_name("memory.toml"))
 
 
 def needed_memory(config: RunConfig, scene: Scene, ne: int, np: int) -> float:
-    """Return about how much memory [bytes] a run on a CPU occupies, the program included.
+    """Return the approximate memory [bytes] of a run on a CPU, including the program.
 
     A Krylov basis of more than 14 vectors occupies more, float32 a little less.
     """
@@ -240,7 +240,7 @@ def needed_memory(config: RunConfig, scene: Scene, ne: int, np: int) -> float:
 
 
 def _memory_of_factors(config: RunConfig, scene: Scene, ne: int, np: int) -> float:
-    """Return the memory [bytes] of the factors of a preconditioner by name."""
+    """Return the memory [bytes] of the factors of a preconditioner that is chosen by name, or 0."""
     from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 
     named = str(config.settings_of(STEPPER).get("preconditioner"))
@@ -249,7 +249,7 @@ def _memory_of_factors(config: RunConfig, scene: Scene, ne: int, np: int) -> flo
 
 
 def check_memory(config: RunConfig, scene: Scene, ne: int, np: int) -> None:
-    """Raise ConfigError for a run that the system would end because it exhausts the memory."""
+    """Raise ConfigError for a run that needs more memory than is available."""
     needed, free = needed_memory(config, scene, ne, np), available_memory()
     if free is not None and needed > free:
         smaller = _memory_of_factors(config, scene, ne, np) > 0.0
@@ -281,7 +281,7 @@ def start_warp() -> None:
             os.dup2(stderr, 2)
             os.close(stderr)
             caught.seek(0)
-            with suppress(OSError):  # nobody reads it
+            with suppress(OSError):  # stderr may be closed
                 os.write(2, b"".join(line for line in caught if EXPECTED not in line))
 
 
@@ -297,7 +297,7 @@ class Initial:
     """Origin of the state, a short name that equal states share, and the history of its file."""
 
     def __init__(self, given: Any, day: float | None) -> None:
-        import xarray as xr  # takes its time to import
+        import xarray as xr  # slow to import
 
         from swe_sphere.analysis.accessor import Analysis
         from swe_sphere.io.runfile import Nodal, RunFile
@@ -326,9 +326,9 @@ class Initial:
     def begin(self, scene: Scene) -> Scene:
         """Return the scene with this initial state, and without exact solutions.
 
-        What is prescribed in time (wind, forcing) continues from the time of the frame.  A tracer
-        that the frame lacks begins as in the scene.  Raises ConfigError if the frame lacks depth
-        or wind, or where a value is not finite.
+        Prescribed wind and forcing continue from the time of the frame.  A tracer that the frame
+        lacks begins as in the scene.  Raises ConfigError if the frame lacks depth or wind, or
+        contains a value that is not finite.
         """
         changes: dict[str, Any] = {"exact": None, "exact_tracers": None}
         if callable(self._given):
@@ -357,7 +357,7 @@ class Initial:
         return u, v, self._at("h", lon, lat)
 
     def _at(self, name: str, lon: Array, lat: Array) -> Array:
-        """Evaluate a field: at the nodes of its mesh bit for bit, else in the elements."""
+        """Return a field at points [rad]: stored values at all its nodes, else interpolated."""
         points = numpy.array((lon, lat))
         if numpy.array_equal(points, self._run.points):
             return derive(self._fields, name)

@@ -185,7 +185,7 @@ class RunConfig(SharedConfig):
     def settings_of(self, owner: str) -> dict[str, Any]:
         """Return the values set for an effect, for the scene or for the stepper, by parameter.
 
-        Raises ConfigError for one that has a field of its own as well.
+        Raises ConfigError for a value that is also set by a separate field, such as `alpha`.
         """
         values = by_owner(self.settings).get(owner, {})
         for name in {SCENE: ("alpha",), STEPPER: ("preconditioner", "tolerance")}.get(owner, ()):
@@ -230,10 +230,10 @@ class Keywords(TypedDict, total=False):
 
 
 def make_config(values: Mapping[str, object]) -> RunConfig:
-    """Return the configuration of these values; raises ConfigError as `validated`."""
+    """Return the configuration of these values; raises the errors of `validated`."""
     return validated(RunConfig, values)
 
 
 def load_config(path: Path) -> dict[str, object]:
-    """Return the values in a TOML file, with the names of the flags; as `read_toml`."""
+    """Return values by field from a TOML file with names of flags; errors as in `read_toml`."""
     return by_field(read_toml(path))

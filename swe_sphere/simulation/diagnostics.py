@@ -106,7 +106,7 @@ class Snapshot:
     def own(self) -> Fields:
         """Values of user-defined diagnostics by name, () or (N,); RunFailed if one fails.
 
-        A diagnostic that reads the whole state finds no diagnostics in it.
+        It is empty while a diagnostic is evaluated, so that one may read the whole state.
         """
         if self.sim is None or self._is_evaluating:
             return {}
@@ -148,8 +148,8 @@ def exact_fields(model: Model, time: float) -> Fields:
 def flow_errors(model: Model, ours: Fields, theirs: Fields) -> Norms:
     """Return errors at the nodes of height, wind and, where both have it, vorticity.
 
-    ours, theirs: fields (N,).  A prescribed wind has no error, nor has its vorticity; heights are
-    those of the scene's `error_field`.
+    ours, theirs: fields (N,).  A prescribed wind has no error, nor has its vorticity; the height is
+    the scene's `error_field`, depth or surface.
     """
     bottom = model.bottom if model.scene.error_field == "surface" else 0.0
     right = theirs if model.scene.wind is None else {"h": theirs["h"]}
@@ -157,7 +157,7 @@ def flow_errors(model: Model, ours: Fields, theirs: Fields) -> Norms:
 
 
 def slow_errors(model: Model, ours: Fields, theirs: Fields) -> Norms:
-    """Return errors at the nodes of potential vorticity, in the place of those of vorticity.
+    """Return errors at the nodes of potential vorticity, under the name "vorticity".
 
     Gravity waves carry no potential vorticity: waves that a long step has damped or dephased do not
     count.
@@ -228,7 +228,7 @@ class Diagnostic:
 
 def _as_numbers(found: object) -> Array:
     if found is None:
-        raise TypeError("it returned nothing")  # which numpy takes for NaN
+        raise TypeError("it returned nothing")  # numpy would convert None to NaN
     return np.asarray(found, dtype=np.float64)
 
 
@@ -280,7 +280,7 @@ def diagnostic(
     if not called.isidentifier():
         raise ConfigError(f"the diagnostic {called!r} needs a name= of letters, digits and _")
     if called in NAMES["options"] or _is_taken(called):
-        raise ConfigError(f"the diagnostic {called!r} needs another name: files have one of it")
+        raise ConfigError(f"the diagnostic {called!r} needs another name: files use this one")
     words = long_name or first_line(function) or called
     DIAGNOSTICS[called] = Diagnostic(called, function, units, words)
     return function
@@ -303,9 +303,9 @@ def check_options(stepper: str, options: Iterable[str]) -> None:
     for name in options:
         if name in DIAGNOSTICS:
             raise ConfigError(
-                f"the diagnostic {name!r} needs another name: stepper {stepper} has an option of it"
+                f"the diagnostic {name!r} needs another name: an option of {stepper} has this one"
             )
         if _is_taken(name):
             raise ConfigError(
-                f"stepper {stepper}: its option {name!r} needs another name: files have one of it"
+                f"stepper {stepper}: its option {name!r} needs another name: files use this one"
             )

@@ -70,7 +70,7 @@ TICK = 0.1
 class Loop:
     """Steps a simulation along its plan; a health check sees each state before the observers do.
 
-    sim: the simulation.  observers: see the state when they are due, and always the last one.
+    sim: the simulation.  observers: see states when due; those with `sees_end` also the last one.
     time_limit: wall time that the run may take [s] since a time of time.monotonic; if since is
     None, of its steps without compiling.  interruption: records signals.
     """
@@ -175,7 +175,7 @@ class Loop:
         return time.process_time() - float(self.sim.model.launch.compile_cpu_seconds)
 
     def _is_asked_to_stop(self) -> bool:
-        """Return, on all ranks, whether one of them is late or interrupted, or was a step ago."""
+        """Return whether any rank is late or interrupted; several ranks agree one call later."""
         if self._since is None:
             self._is_late = time.monotonic() > self._deadline + self.sim.model.compile_seconds
         else:
@@ -194,5 +194,5 @@ class Loop:
             day = self.plan.time(steps) / DAY
             raise TimedOut(
                 f"the time limit of {self.time_limit:g} s was reached at day {day:.4g}"
-                f" (step {steps} of {self.plan.steps}): give it more time or take a larger dt"
+                f" (step {steps} of {self.plan.steps}): raise the limit or take a larger dt"
             )

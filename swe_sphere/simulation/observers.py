@@ -34,7 +34,7 @@ class Observer:
     """True if the observer sees the last state even where it is not due."""
 
     def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
-        """Prepare: the steps of the plan are about to be taken from the state of the snapshot."""
+        """Prepare for the steps of the plan, which begin at the state of the snapshot."""
 
     def due(self, step: int) -> bool:
         """Return whether to observe the state after that many steps."""
@@ -47,7 +47,7 @@ class Observer:
         """Receive the number of steps so far; called about ten times a second."""
 
     def end(self) -> None:
-        """Finish: no more steps are taken, whatever the reason."""
+        """Finish; called after the last step, also if the run stopped early."""
 
 
 def observed(observer: Observer, method: str, *arguments: Any) -> Any:
@@ -69,7 +69,7 @@ def label(observer: Observer) -> str:
 EVERY = 16
 """Steps between health checks."""
 RUNAWAY = 10.0
-"""Growth of the energy that effects do not explain, and that every numerical explosion reaches."""
+"""Growth of the energy that effects do not explain, and that every unstable run exceeds."""
 LOST = 1e-3
 """Relative change of the total mass that no method causes where all effects conserve it."""
 CREATED = {"float64": 1e-9, "float32": 1e-3}
@@ -114,7 +114,7 @@ class HealthCheck(Observer):
         return bool(step % EVERY < self._sim.plan.cycle)
 
     def observe(self, snapshot: Snapshot, changed_by: Observer | None = None) -> None:
-        """Raise Unstable if the state is, with the fault, its time, and what to change.
+        """Raise Unstable for an unstable state, RunFailed if an effect changes a conserved mass.
 
         changed_by: the observer after which the state is checked again.
         """
@@ -124,7 +124,7 @@ class HealthCheck(Observer):
         self.norm, self._changed_by = self._space.norm(state), changed_by
         if not math.isfinite(self.norm):
             raise self._unstable(f"the solution is NaN{spoilt_fields(model, state)}", snapshot)
-        # a passive h, and that of a linear wave, may undershoot zero without harm
+        # h may undershoot zero without harm if it is passive or the wave is linear
         if not model.scene.linear and (depth := self._space.lowest(state, *self._depth)) <= 0.0:
             raise self._unstable(f"the depth is not positive ({depth:.3g} m)", snapshot)
         if model.scene.forcing is not None:
@@ -186,12 +186,12 @@ SAMPLES = 200
 class Recorder(Observer):
     """Writes frames, series of diagnostics and checkpoints to the file of a simulation, on rank 0.
 
-    It begins with a frame.  Raises ConfigError if the file cannot be made or is of another run
-    than the one to continue, and RunFailed, also from the methods, where the disk refuses.
+    It begins with a frame.  Raises ConfigError if the file cannot be created or belongs to another
+    run; RunFailed, also from the methods, if the disk fails.
     """
 
     def __init__(self, sim: Any) -> None:
-        from swe_sphere.io.netcdf import FrameWriter  # netCDF4 takes its time to import
+        from swe_sphere.io.netcdf import FrameWriter  # netCDF4 is slow to import
 
         self.sim: Any = sim
         self.plan: RunPlan = sim.plan
@@ -296,7 +296,7 @@ class ProgressBar(Observer):
 
     def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of tqdm, in notebooks without widgets: text will do
+            warnings.simplefilter("ignore")  # notebooks without widgets show text instead
             from tqdm.auto import tqdm
         self._plan, self._days = plan, plan.time(plan.steps) / DAY
         label = f"{snapshot.model.scene.name}  dt {plan.dt:.4g} s"
@@ -323,7 +323,7 @@ class LogLines(Observer):
     """Prints a line on stderr now and then, for a run whose output goes to a file."""
 
     PATIENCE = 30.0
-    """Seconds before the first line; each further line waits a tenth of the elapsed time, or so."""
+    """Seconds before the first line; the next ones wait as long, or a tenth of the elapsed time."""
 
     def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
         self._start, self._plan, self._from = time.perf_counter(), plan, snapshot.time
@@ -341,7 +341,7 @@ class LogLines(Observer):
             f"swe-sphere: day {at / DAY:.2f} of {end / DAY:g} after {gone:.0f} s,"
             f" {60.0 * speed / DAY:.3g} days a minute, {left:.0f} s to go"
         )
-        with suppress(OSError):  # nobody reads it any more, or the disk is full
+        with suppress(OSError):  # stderr is closed, or the disk is full
             sys.stderr.write(f"{line}\n")
             sys.stderr.flush()
 
@@ -392,7 +392,7 @@ def live_view(field: str, comm: Any) -> Callback:
     field: its name, or "auto" for the scene's default. Raises ConfigError for an unknown field, and
     if rank 0 has no terminal with colours.
     """
-    from swe_sphere.pictures.plot import LivePicture  # matplotlib takes its time to import
+    from swe_sphere.pictures.plot import LivePicture  # matplotlib is slow to import
 
     picture = LivePicture(field, DIAGNOSTICS)
     comm.on_root(picture.check_terminal)
@@ -434,8 +434,8 @@ def every(
         if steps is not None and 1 <= steps < math.inf and steps == int(steps):
             return partial(Callback, steps=int(steps))
     raise ConfigError(
-        "every: give a positive whole number of steps, or of hours, or of days, no less than a"
-        " millisecond"
+        "every: give one of steps (a positive whole number), hours and days (at least a"
+        " millisecond)"
     )
 
 

@@ -21,7 +21,7 @@ UNLIMITED = 1e7
 """A stability limit above this [s] is treated as none."""
 ROUNDING = 1.0 + 1e-9
 LONGEST_OF_TRACERS = 3.0 * HOUR
-"""Longest automatic step of tracers [s] in a flow that is stepped too: it changes meanwhile."""
+"""Longest automatic step of tracers [s] if the wind is not prescribed: it changes meanwhile."""
 WORTH_A_CHANGE = 1.25
 """A step that fits is replaced by an automatic one that is longer by more than this factor."""
 MEANT = 5e-5
@@ -94,7 +94,7 @@ class RunPlan:
 
 
 def free_steps(days: float, dt: float) -> RunPlan:
-    """Return steps of exactly dt [s] to the end or a little beyond, with no frame before it."""
+    """Return steps of exactly dt [s] to the end or a little beyond, with no frame in between."""
     count = max(1, math.ceil(days * DAY / dt - 1e-9))
     return RunPlan(dt, count, count, dt)
 
@@ -112,8 +112,8 @@ def time_plan(
 
     days: length of the run [days]; 0 for a plan without a step.  every: time between frames [h];
     None: about a day.  dt: time step [s], which may be shortened a little.  also: further times [s]
-    whose multiples fall on steps.  cycle: steps that are taken together; fewer: they may be fewer.
-    automatic: whether dt may be shortened as much as frames and further times require.  The last
+    whose multiples fall on steps.  cycle: steps that are taken together; fewer: True if cycle is
+    a maximum.  automatic: True if dt may be shortened as much as all these times require.  The last
     steps are shorter where the end is no multiple of the others.  Raises ConfigError if no step
     fits.
     """
@@ -166,7 +166,7 @@ def continued_plan(
 ) -> RunPlan:
     """Return the plan of a run that continues with the steps of an earlier plan.
 
-    The last step is shorter where the end is no multiple of the others.  days, every, also: as of
+    The last step is shorter where the end is no multiple of the others.  days, every, also: as in
     `time_plan`.  done: number of steps taken so far.  Raises ConfigError if the frames or the
     further times are no whole number of steps, or where the run has already reached that length.
     """
@@ -195,7 +195,7 @@ def led_plan(plan: RunPlan, done: int, now: float, also: Sequence[float] = ()) -
     """Return the plan of a new run as one that begins later, with the same end and frames.
 
     Steps of another length lead to the next frame or further time, unless the present time is on
-    the grid of the plan.  done, now: number of steps so far, and their time [s].  also: as of
+    the grid of the plan.  done, now: number of steps so far, and their time [s].  also: as in
     `time_plan`.
     """
     end, long = plan.time(plan.steps), plan.cycle * plan.dt
@@ -274,7 +274,7 @@ def automatic_step(sim: Any, days: float) -> tuple[float, str]:
     wind, accurate = float(np.hypot(fields["u"], fields["v"]).max()), kind.longest
     if wind > 0.0:
         accurate = min(accurate, kind.courant * sim.mesh.spacing()[0] / wind)
-    # the limit of a fluid at rest does not bound the waves once it has a wind
+    # the stability limit of a fluid at rest does not bound the waves once there is a wind
     misleading = kind.family == "imex" and wind == 0.0 and kind.safety * limit > accurate
     if limit < UNLIMITED and not misleading:
         return min(kind.safety * limit, days * DAY), f"{kind.safety:g} of the stability limit"
@@ -286,7 +286,7 @@ def plan_run(sim: Any, also: Sequence[float] = ()) -> RunPlan:
     """Return the plan of a run from the present state, with the requested or an automatic step.
 
     A requested step never changes.  An automatic step is kept if it fits, unless a much longer one
-    fits too.  also, ConfigError: as of `time_plan`.
+    fits too.  also: as in `time_plan`, whose errors are raised.
     """
     config, days, every, done = sim.config, sim.days, sim.config.every, sim.steps
     automatic, present = config.dt == "auto", None

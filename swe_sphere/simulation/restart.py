@@ -45,11 +45,11 @@ LONGEST_NAME = 247
 
 
 def appends(config: RunConfig) -> bool:
-    """True if the run appends to the file of frames that it resumes from."""
+    """Return whether the run appends to the file of frames from which it resumes."""
     out = config.out
     if out is None or config.overwrite or not out.exists():
         return False
-    from swe_sphere.io.checkpoint import checkpoint_path  # netCDF4 takes its time to import
+    from swe_sphere.io.checkpoint import checkpoint_path  # netCDF4 is slow to import
 
     return any(_is_restart(path, config) for path in (out, checkpoint_path(out)))
 
@@ -135,11 +135,11 @@ LENGTHS = "step_lengths"
 class Restart:
     """The checkpoint that a run resumes from; ConfigError if it is missing or damaged.
 
-    path: of the checkpoint, or of the file of frames beside which it lies.
+    path: path of the checkpoint, or of the file of frames beside it.
     """
 
     def __init__(self, path: Path) -> None:
-        from swe_sphere.io.checkpoint import read_checkpoint  # netCDF4 takes its time to import
+        from swe_sphere.io.checkpoint import read_checkpoint  # netCDF4 is slow to import
 
         self.path, checkpoint = path, read_checkpoint(path)
         self.attributes, self.arrays = checkpoint.attributes, checkpoint.state_dict
@@ -209,7 +209,7 @@ class Restart:
         return RunPlan(dt, self.steps, self.steps, dt, "that of the restart file", cycle)
 
     def load_into(self, stepper: Trajectory, before: int) -> None:
-        """Have a stepper resume from the arrays; ConfigError if they do not fit.
+        """Load the arrays into a stepper, which then resumes; ConfigError if they do not fit.
 
         before: number of steps that were taken with other steppers.
         """
@@ -224,10 +224,10 @@ class Restart:
             ) from error
 
     def lengths(self, dt: float) -> list[tuple[int, float, float]]:
-        """Return the lengths of steps so far [s], the present one last.
+        """Return the lengths of steps so far, the present one last.
 
-        Each has before it the number of earlier steps and their time [s].  dt: the length where
-        there is no other, as in older files and before the first step.
+        An item is the number of earlier steps, their time [s] and the length [s].  dt: the length
+        [s] if the file states none, as in older files and before the first step.
         """
         if not self.steps or LENGTHS not in self.arrays:
             return [(0, 0.0, dt)]
@@ -279,7 +279,7 @@ def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
 def run_sources(
     name: str, scene: Scene, diagnostics: Iterable[Path] = (), **methods: str | None
 ) -> dict[str, str]:
-    """Return fingerprints of the files of a scene by its name, of its data and of some methods.
+    """Return fingerprints of the files of a scene, its data, diagnostics and custom methods.
 
     Names of bases are relative to the file of the scene, so that the folder may be moved.  Files of
     data are those whose names are parameters of the scene; other files that a Python scene reads

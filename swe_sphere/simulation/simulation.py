@@ -95,11 +95,11 @@ FAR = 1.05
 
 
 _LOCK = RLock()
-"""What Warp records and compiles is shared by all threads of a process."""
+"""Lock of all simulations, because threads share what Warp records and compiles."""
 
 
 def exclusive(method: F) -> F:
-    """Let one thread at a time run the method, and turn failures in files of users into a line."""
+    """Let one thread at a time run the method; convert errors in user files to ConfigError."""
 
     @wraps(method)
     def locked(*args: Any, **kwargs: Any) -> Any:
@@ -174,7 +174,7 @@ class Simulation(NotCopyable):
         self._restart = resumed or read_restart(config)
         config = config if self._restart is None else self._restart.adopt(config)
         self.config = self._configured = config
-        """The configuration, with what the present run was asked for."""
+        """The configuration, with the arguments of the present run."""
         added = objects.pop("effects", ())
         self.kind = get_stepper(objects.pop("stepper", config.stepper))
         """The class of the stepper."""
@@ -285,14 +285,14 @@ class Simulation(NotCopyable):
 
     @exclusive
     def stable_dt(self) -> float:
-        """Return the stability limit at the initial state [s], about; infinite if there is none.
+        """Return the approximate stability limit at the initial state [s]; infinite without one.
 
         Raises ConfigError if the stepper does not return a number.
         """
         if self._limit is None:
             counted = dict(self.model.counters)
             spectrum = self.kind.spectrum(self.model, self.model.initial_state())
-            self.model.counters.update(counted)  # evaluations of the estimate are none of the run
+            self.model.counters.update(counted)  # the run does not count these evaluations
             label = f"stable_dt of stepper {self.kind.name}"
             limit = guarded(label, self.kind.limit, spectrum)
             self._limit = float(convert(label, float, limit, finite=False))
@@ -301,7 +301,7 @@ class Simulation(NotCopyable):
     @cached_property
     @exclusive
     def gravity_limit(self) -> float:
-        """1 over the spectral radius of waves at the initial state [s]."""
+        """Gravity-wave stability limit [s]: 1 over the spectral radius at the initial state."""
         radius = self.model.spectrum(self.model.initial_state()).wave
         return 1.0 / radius if radius > 0.0 else math.inf
 
@@ -319,7 +319,7 @@ class Simulation(NotCopyable):
             self._start_stepper()
 
     def _start_stepper(self) -> None:
-        """Build the stepper of the plan, at the initial state or that of the checkpoint."""
+        """Build the stepper of the plan, at the state of the checkpoint or the initial state."""
         restart, plan = self._restart, self.plan
         lengths = [(0, 0.0, plan.dt)] if restart is None else restart.lengths(plan.dt)
         stepper, self._lengths = self._make_stepper(lengths[-1][-1], plan.cycle), lengths
@@ -330,7 +330,7 @@ class Simulation(NotCopyable):
             restart.load_into(stepper, self._before)
 
     def _make_stepper(self, dt: float, cycle: int) -> Trajectory:
-        """Build the present stepper: with steps of dt [s], so many of them taken together."""
+        """Build the present stepper with steps of dt [s], of which `cycle` are taken together."""
         from swe_sphere.steppers.adaptive import AdaptiveSteps
         from swe_sphere.steppers.tracer_steps import CarriedTracers, CarriedWithDepth
 
@@ -349,7 +349,7 @@ class Simulation(NotCopyable):
         return stepper
 
     def fit_step(self) -> None:
-        """Let the next step have the length that the plan has for it."""
+        """Build a new stepper if the plan states another length for the next step."""
         old, dt, cycle = self.stepper, self.plan.length(self.steps), self.plan.cycle
         if (old.dt, old.together) == (dt, cycle):
             return
@@ -383,7 +383,7 @@ class Simulation(NotCopyable):
 
     @property
     def equal_steps(self) -> RunPlan:
-        """The present plan as one of equal steps, those of the stepper or else those to come."""
+        """The plan with equal steps: those of the stepper, or prescribed ones if these differ."""
         stepper, plan = self.stepper, replace(self.plan, lead=0.0, tail=0)
         if self.config.dt != "auto" and stepper.dt != plan.dt:
             return replace(plan, first=self.steps, origin=self.time)
@@ -403,7 +403,7 @@ class Simulation(NotCopyable):
         self.take(1)
 
     def take(self, most: int) -> None:
-        """Take a step of the length that the stepper has, or up to `most` at once."""
+        """Take one step of the stepper, or up to `most` at once."""
         try:
             self.stepper.take(most)
         except (SolverFailed, *BREAKDOWNS) as error:
@@ -426,8 +426,8 @@ class Simulation(NotCopyable):
     ) -> Summary:
         """Step to the end of the plan, or until a failure; return how it ended, without numbers.
 
-        observers: see the states when they are due, and always the last one. time_limit: wall time
-        [s] since a time of time.monotonic; if since is None, that of steps without compiling.
+        observers: see states when due; those with `sees_end` also the last one. time_limit: wall
+        time [s] since a time of time.monotonic; if since is None, that of steps without compiling.
         interruption: records the signals of several simulations; it raises Interrupted if the user
         asked to stop.
         """
@@ -445,7 +445,7 @@ class Simulation(NotCopyable):
             except (Interrupted, SweError, *BREAKDOWNS) as error:
                 if interruption is not None and isinstance(error, Interrupted):
                     raise
-                # before observers end, which may take all ranks
+                # before the observers end, for which all ranks may be needed
                 self._ended_by(error)
         self._signal = noted.number
         return self.outcome
@@ -480,7 +480,7 @@ class Simulation(NotCopyable):
         warn: Warn | None = None,
         raises: bool = True,
     ) -> Summary:
-        """Step to the end of the run, or until something goes wrong.
+        """Step to the end of the run, or until it fails or is stopped.
 
         Args:
             days: length of the run from its start [days].
@@ -500,7 +500,7 @@ class Simulation(NotCopyable):
             The numbers of the run, also where it stopped early: see `Summary.status` and `reason`.
 
         Raises:
-            ConfigError: it cannot be run as requested; no step was taken.
+            ConfigError: the run is impossible as requested; no step was taken.
             KeyboardInterrupt: Ctrl-C; the last frame has been written, and the file is closed.
                 Other signals take effect then, too.
         """
@@ -660,7 +660,7 @@ class Simulation(NotCopyable):
         }
 
     def attributes(self) -> dict[str, object]:
-        """Return the resolved configuration, as files have it."""
+        """Return the resolved configuration: the attributes of a file of the run."""
         begun, known = self.initial, self.identity | self._method()
         if begun is not None:
             known |= {"origin": begun.origin, "history": begun.history}
@@ -705,7 +705,7 @@ class Simulation(NotCopyable):
 
     @property
     def frames(self) -> xr.Dataset:
-        """Frames of the last run: those that `run(keep=True)` kept, else those in its file.
+        """Frames of the last run, as `run(keep=True)` kept them, or else from its file.
 
         Raises ConfigError where the last run has neither.
         """
@@ -723,7 +723,7 @@ class Simulation(NotCopyable):
         return open_run(self.config.out)
 
     def animate(self, field: str | None = None, **options: Any) -> Film:
-        """Draw all `frames` as a film, which a notebook shows; options: as of `ds.swe.animate`."""
+        """Draw all `frames` as a film, which a notebook shows; options: as in `ds.swe.animate`."""
         film: Film = self.frames.swe.animate(field, **options)
         return film
 
@@ -731,7 +731,7 @@ class Simulation(NotCopyable):
     def plot(self, field: str | None = None, ax: GeoAxes | None = None, **look: Any) -> GeoAxes:
         """Draw a field of the state on the globe; into `ax`, else into a new figure.
 
-        field: h, surface, vorticity, speed, q_NAME, ...; None: what suits the scene.
+        field: h, surface, vorticity, speed, q_NAME, ...; None: the default of the scene.
         look: projection="robinson", winds="arrows", mesh=True, ...; see
         `swe_sphere.pictures.look.Look`.
         Raises ConfigError for an unknown field.
@@ -744,7 +744,7 @@ class Simulation(NotCopyable):
         """Write all that `from_checkpoint` needs to resume from here bit for bit.
 
         An existing checkpoint is replaced, any other file is not.
-        Raises RunFailed if the disk refuses or the state is unstable, ConfigError for an
+        Raises RunFailed if the disk fails or the state is unstable, ConfigError for an
         existing file of another kind.
         """
         from swe_sphere.io.checkpoint import Checkpoint, is_checkpoint, write_checkpoint

@@ -19,7 +19,7 @@ ROWS = Path(__file__).with_name("summary.j2")
 
 
 INTERRUPTED = 130
-"""Exit status after Ctrl-C, as shells have it."""
+"""Exit status after Ctrl-C, as in shells."""
 BREAKDOWNS = (ArithmeticError, ValueError, RuntimeError, MemoryError)
 """Errors of libraries that are given a state that is not finite, or too large a problem."""
 
@@ -78,7 +78,7 @@ class Summary(Mapping[str, Any]):
 
     def rows(self) -> list[tuple[str, str]]:
         """Return the lines of a table: labels and values."""
-        from jinja2 import Template  # takes its time to import
+        from jinja2 import Template  # slow to import
 
         n = self.as_dict()
 
@@ -120,7 +120,7 @@ def summary_of(error: Exception, time: float) -> Summary:
         return Summary("interrupted", f"{error} at day {time / DAY:.4g}", INTERRUPTED)
     if not isinstance(error, SweError):
         return Summary("solver-failed", f"{type(error).__name__}: {text}", RunFailed.exit_status)
-    # it is too late to refuse the run for what functions of the scene raise while it is stepped
+    # a ConfigError in a function of the scene comes too late to refuse the run
     status = "failed" if isinstance(error, ConfigError) else error.status
     return Summary(status, text, error.exit_status)
 

@@ -36,10 +36,10 @@ measured on meshes coarse enough that inertial waves limit the step (docs/result
 
 
 def reference_depth(model: Model) -> Array:
-    """Return the depth (N,) [m] below the mean initial surface, or 0.8 of that below the highest.
+    """Return the reference depth H (N,) [m] of the implicit gravity waves.
 
-    The larger of both is used, but at most the largest initial depth. In linearised dynamics it is
-    the depth of the base. Raises ConfigError for a scene without gravity waves.
+    It is the larger of the depth below the mean initial surface and 0.8 of the depth below the
+    highest, but at most the largest initial depth. Raises ConfigError without gravity waves.
     """
     if model.scene.effect("pressure-gradient") is None:
         raise ConfigError(
@@ -70,9 +70,9 @@ def wave_operator(model: Model, rest: wp.array) -> Operator:
 def explicit_spectrum(model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
     """Return the spectral radii [s-1] that limit explicit steps of F - L, and of dissipation.
 
-    They are those of advection and, if it is slow, of the Coriolis force. F - L has larger
-    eigenvalues, of both together, but with implicit gravity waves these modes do not grow
-    (docs/results/steps.md). With custom effects all of F - L counts.
+    The larger of the rates of advection and of the Coriolis force counts. F - L has larger
+    eigenvalues, but with implicit gravity waves these modes do not grow (docs/results/steps.md).
+    With custom effects all of F - L counts.
     """
     inertial = INERTIAL * float(np.abs(model.coriolis).max())
     wave = max(advection_rate(model, state, t), inertial)

@@ -161,8 +161,8 @@ class KrylovSolver(ABC):
     ) -> None:
         """End the solve if the residual after a cycle requires it.
 
-        most: a larger residual has stagnated; why: the cause of that, for the message; largest:
-        residual that may be round-off.
+        most: a solve with a larger residual has stagnated; why: cause of stagnation, for the
+        message; largest: largest residual that may be round-off.
         """
         epsilon = self.space.epsilon
         if p.residual <= p.target and p.target >= UNTRUSTED * epsilon * p.terms:
@@ -192,8 +192,8 @@ class ConjugateGradients(KrylovSolver):
 
     The method is flexible: the next direction is conjugate to the last one for any preconditioner
     (Golub & Ye 1999, doi:10.1137/S1064827597323415; Notay 2000, doi:10.1137/S1064827599362314). So
-    a preconditioner in float32, or one that is not quite symmetric, costs an iteration or two and
-    never the solution. Given A z of the preconditioned residual z, all products of an iteration are
+    a preconditioner in float32, or one that is not quite symmetric, adds an iteration or two but no
+    error. Given A z of the preconditioned residual z, all products of an iteration are
     computed at once, and the image A d of the direction is updated by recurrence (Chronopoulos &
     Gear 1989, doi:10.1016/0377-0427(89)90045-9).
     """
@@ -283,7 +283,7 @@ class KrylovBasis:
         self._allowed = math.sqrt(space.epsilon)
 
     def start(self, length: float) -> None:
-        """Restart with rows[0], whose length is given."""
+        """Restart from rows[0], whose norm is `length`, and normalise it."""
         self.space.scale(1.0 / length, self.rows[0])
         self._loss = self.space.epsilon
 

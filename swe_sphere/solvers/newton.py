@@ -40,15 +40,15 @@ saves Newton iterations, whose residuals are expensive."""
 
 
 def followed_nonlinearity(norm: float, target: float, nonlinearity: float | None) -> float:
-    """Return a forcing term eta, as exact as the linear model was in the step before.
+    """Return the forcing term eta, from the error of the linear model in an earlier step.
 
     The solve ends at |F + J d| <= eta |F|. norm: |F|; target: largest |F| at the end; nonlinearity:
     |F(x + d) - F - J d| / |F|^2 of an earlier step, None before the first.
 
     Choice 1 of Eisenstat & Walker (doi:10.1137/0917003, 1996, eq. 2.2) derives eta from the error
-    of the last step's linear model; here that error, which is quadratic, is extrapolated to the
-    present |F|. If the estimate reaches the target, the system is solved as far as that permits;
-    otherwise to the estimated error, but at most half of the way, as two equal solves cost least.
+    of the last linear model. Here this error, which is quadratic, is extrapolated to the present
+    |F|. If it is below the target, eta is as large as reaching the target permits; otherwise eta is
+    twice the error, or half of the way to the target on a log scale: two equal solves cost least.
     """
     wanted = target / norm
     if nonlinearity is None:

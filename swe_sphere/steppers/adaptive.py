@@ -48,9 +48,9 @@ class AdaptiveSteps(Trajectory):
 
     The error is the difference from the embedded method in the energy norm [m s-1], over the norm
     of the state: the ratio is independent of units and planet. The tolerance of the solver is
-    `SOLVER` of this one, or that of the scheme if it is stricter. A step that is not accurate
+    `SOLVER` times `tolerance`, or that of the scheme if it is stricter. A step that is not accurate
     enough, or whose solve fails, is repeated with a shorter length and recorded in `cuts`; no step
-    is longer than the outer one. Raises ConfigError for a scheme that has no such estimate.
+    is longer than the outer one. Raises ConfigError for a scheme that has no error estimate.
     """
 
     can_give_up = True
@@ -146,7 +146,7 @@ class AdaptiveSteps(Trajectory):
         if self.next_dt < SMALLEST_PART * self.dt:
             wp.copy(self.state, self._start)  # state of `time`
             raise SolverFailed(
-                f"{self.name}: no step from {t:.0f} s is short enough, the last of {dt:.3g} s:"
+                f"{self.name}: even a step of {dt:.3g} s from {t:.0f} s is too long:"
                 f" {why}; {advice}"
             )
 

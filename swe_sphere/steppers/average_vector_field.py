@@ -23,8 +23,8 @@ class PoissonTendency:
     between the states and the potential vorticity q = (curl V + f)/h half way (Wimmer, Cotter &
     Bauer 2020, doi:10.1016/j.jcp.2019.109016). The operator is skew for the quadrature of the mesh,
     because F is continuous and integration by parts is exact there. The tendency excludes
-    dissipation. F carries the tracers, so that a constant mixing ratio stays constant. It exists
-    for scenes that `fits` accepts.
+    dissipation. F carries the tracers, so that a constant mixing ratio stays constant. The model
+    must be one that `fits` accepts.
     """
 
     def __init__(self, model: Model) -> None:
@@ -51,7 +51,7 @@ class PoissonTendency:
         return all(model.scene.effect(name) is not None for name in NEEDED)
 
     def __call__(self, first: wp.array, last: wp.array, t: float, out: wp.array) -> None:
-        """Set out to the average between two states, with the forcing of time t [s] between them.
+        """Set out to the average tendency between two states, with the forcing of the time t [s].
 
         The call counts as one right-hand side.
         """

@@ -12,8 +12,8 @@ from swe_sphere.steppers.stability import check_order, checked_tableau, error_co
 from swe_sphere.steppers.stepper import Trajectory, read_methods
 
 EXPECTED = 0.3
-"""Fraction of the last change of slope that the guess extrapolates.  Balanced (slow) flow permits
-all of it, but that would double the noise of unresolved waves."""
+"""Fraction of the last change of slope that the guess of BDF2 extrapolates.  Balanced (slow) flow
+permits all of it, but that would double the noise of unresolved waves."""
 LARGEST_RATIO = 2.0
 """Largest ratio of successive steps for which BDF2 uses its past level (stable up to 2.4)."""
 ROUGH = 0.1
@@ -36,7 +36,7 @@ class DiagonallyImplicit(ImplicitStepper):
     """Weights of an embedded method of another order, if any."""
     followed: ClassVar[float] = 0.0
     """Fraction of a change of slope that the guess of the next stage extrapolates.  Balanced
-    (slow) flow permits all of it, but noise of fast waves grows: it pays for tight tolerances."""
+    (slow) flow permits all of it, but noise of fast waves grows; tight tolerances favour it."""
 
     @classmethod
     def complete(cls) -> None:
@@ -82,7 +82,7 @@ class DiagonallyImplicit(ImplicitStepper):
         return None
 
     def error_estimate(self) -> float:
-        """Norm [m s-1] of the difference from the embedded method, for the last attempt."""
+        """Return the norm [m s-1] of the last attempt's difference from the embedded method."""
         assert self.embedded is not None
         difference = self._attempted * (np.array(self.b) - np.array(self.embedded))
         self.space.clear(self._rhs)
@@ -112,7 +112,7 @@ class TRBDF2(DiagonallyImplicit):
     embedded = ((1.0 - _w) / 3.0, (3.0 * _w + 1.0) / 3.0, _d / 3.0)
 
     def error_estimate(self) -> float:
-        """Norm [m s-1] of e with (I - gamma dt J) e = difference from the embedded method.
+        """Return the norm [m s-1] of e, (I - gamma dt J) e = difference from the embedded method.
 
         The difference itself grows without bound for waves far faster than the step, which the
         scheme damps (Hosea & Shampine 1996); it is used only if it is the smaller of the two.

@@ -1,4 +1,4 @@
-"""Exponential multistep methods: the linear part exactly, the remainder from previous steps."""
+"""Exponential multistep methods: the linear part is exact, previous steps give the remainder."""
 
 import math
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ class SmallMatrix:
         return t**order * np.append(found[:m, m + order - 1], last), t**order * abs(float(last))
 
     def radius(self) -> float:
-        """Approximate spectral radius of the skew part of A, for a basis by short recurrences."""
+        """Return an estimate of the spectral radius of the skew part of A, for a short basis."""
         m = self.columns
         couplings = np.diag(self._entries, -1)[: m - 1] - np.diag(self._entries, 1)[: m - 1]
         return float(couplings.mean()) if m > 1 else 0.0
@@ -89,7 +89,7 @@ class ExponentialResult:
 
 
 class KrylovExponential:
-    """Solver with `size` basis vectors and `terms` sources; keep it, as it allocates only once.
+    """Solver with `size` basis vectors and `terms` sources; an instance allocates only once.
 
     The sources are u_k = A d_k + e_k, k = 1 ... `terms`: d_k in moved[k - 1], e_k in plain[k - 1].
     Their products with A add no cost to a solve. d_1 must stay 0.
@@ -109,8 +109,8 @@ class KrylovExponential:
     ) -> ExponentialResult:
         """Set out = sum_(k <= terms) T^k phi_k(T A) u_k for T = length, to a tolerance.
 
-        The tolerance is one of the norm of out; if it is below the accuracy of the arithmetic, 0
-        included, an error of round-off size meets it. After a fault `out` is meaningless.
+        tolerance: largest norm of the error of out. If it is below the accuracy of the arithmetic,
+        an error of round-off size meets it. After a fault `out` is meaningless.
         """
         p = ExponentialResult(operator, terms, length, tolerance)
         self.space.clear(out)
@@ -191,7 +191,7 @@ class ExponentialMultistep(VariableStepper):
     """An exponential propagation iterative (EPI) method of several steps, defined by its weights.
 
     x+ = x + dt phi_1 F + dt sum_k phi_k sum_i w_ki R_i, R_i = F(x_i) - F(x) - J (x_i - x) of i
-    steps before, phi_k those of dt J with the exact J at x (Tokman 2006). Explicit dependence on
+    steps before, phi_k = phi_k(dt J) with the exact J at x (Tokman 2006). Explicit dependence on
     time is a further variable: R_i contains - dF/dt (t_i - t), and dt^2 phi_2 dF/dt is added. The
     first steps, and those of another length than the one before, use exprb42, which has one step,
     two stages and fourth order (Luan 2017). `tolerance`: as for `StageSolver`, of the error of the

@@ -20,7 +20,7 @@ from swe_sphere.steppers.stepper import Stepper
 INTERVALS = 18
 """Approximate largest number of node intervals along an edge of the trial run's cube."""
 DAYS = 6.0
-"""Length of the trial run [days], after which the winds of the tested scenes hardly grow."""
+"""Length of the trial run [days], after which winds in the scenes of the package grow little."""
 LOOKS = 8
 MOST_STEPS = 2000
 
@@ -78,14 +78,14 @@ class FlowLimitStepper(Stepper):
 
     @classmethod
     def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
-        """Spectral radii [s-1], the wind's share in that of the waves, and the Coriolis rate."""
+        """Return the spectral radii [s-1], with the wind's part of `wave` and the Coriolis rate."""
         found, share = super().spectrum(model, state, t), wind_share(model, state)
         turning = 0.0 if share == NOTHING_BUT_WIND else float(np.abs(model.coriolis).max())
         return replace(found, wind=found.wave * share, turning=turning)
 
     @classmethod
     def limit(cls, spectrum: Spectrum) -> float:
-        """Return the largest step [s] that is stable in winds up to those of the spectrum."""
+        """Return the largest step [s] that is stable in winds up to `wind` of the spectrum."""
         return cls.stable_dt(spectrum.wave, spectrum.dissipation, spectrum.wind, spectrum.turning)
 
     @classmethod

@@ -37,8 +37,8 @@ class Passes:
     The equations are evaluated at combinations of time levels, which each pass stores for later
     passes: `carried` holds the masses, and `pushed` the wind that transports and rotates them,
     with the depth whose gradient accelerates this wind. Both have the size of a state; in
-    linearised dynamics they are differences from the base. A prescribed wind is not stepped. A mass
-    flux that the model accumulates is that of the step of the depth.
+    linearised dynamics they are differences from the base. A prescribed wind is not stepped. If the
+    model accumulates a mass flux, it is the flux that steps the depth.
     """
 
     def __init__(self, model: Model) -> None:
@@ -172,7 +172,7 @@ class Passes:
             self._model.launch(self._combine, count, first, *levels, weights, self._shift, out)
 
     def follow(self, change: wp.array, winds: Any) -> None:
-        """Update `carried` and `pushed` for a changed wind (2N,) of the present level."""
+        """Update `carried` and `pushed` for a change (2N,) of the wind at the present level."""
         for out in (self.carried, self.pushed):
             self._model.launch.combine(wind := out[: change.size], change, winds[0], out=wind)
 
@@ -321,7 +321,7 @@ class ForwardBackwardRK3(SplitExplicit):
 
     @classmethod
     def _rows(cls) -> tuple[Triple, Triple, Triple]:
-        """Return the weights of the new depth, the initial depth and that of the previous stage."""
+        """Return by stage the weights of three depths: new, initial, and of the previous stage."""
         first, second, third = cls.weights
         last = third, third, 1.0 - 2.0 * third
         return (first, 1.0 - first, 0.0), (second, 1.0 - second, 0.0), last

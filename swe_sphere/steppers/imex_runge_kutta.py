@@ -31,10 +31,10 @@ MUCH_FASTER = 1e4
 
 
 class ImexStepper(Stepper):
-    """A stepper with a solver of linear gravity waves, limited by the wind (docs/results).
+    """A stepper with a solver of linear gravity waves L; the wind limits its step (docs/results).
 
-    `tolerance`: see `StageSolver`; `solver`: that of another stepper of the same model, shared with
-    its options.
+    `tolerance`: see `StageSolver`; `solver`: the solver of another stepper of the same model, to be
+    shared; its tolerance then applies.
     """
 
     family = "imex"
@@ -72,7 +72,7 @@ class ImexStepper(Stepper):
 
     @classmethod
     def growth(cls, z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
-        """Largest amplification factors for implicit waves far faster than explicit ones."""
+        """Return the largest amplification factors for implicit waves faster than explicit ones."""
         of_faster = np.geomspace(cls.faster, MUCH_FASTER, 40)
         factors = np.concatenate([-of_faster, [0.0], of_faster])
         z_implicit = factors.reshape(-1, *(1 for _ in z_wave.shape)) * z_wave

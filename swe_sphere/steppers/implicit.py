@@ -73,7 +73,7 @@ class NewtonStages(StageSolver):
     """
 
     prepared_for: float | None = None
-    """Implicit step tau [s] for which the preconditioner is set up; None for that of the stage."""
+    """Implicit step tau [s] for which the preconditioner is set up; None: the tau of the stage."""
 
     def __init__(
         self, model: Model, tolerance: float, preconditioner: str, equations: type[StageProblem]
@@ -149,7 +149,7 @@ class NewtonStages(StageSolver):
         return result.converged
 
     def restore_mass(self, rhs: wp.array, x: wp.array, gain: float = 0.0) -> None:
-        """Give x the masses of the right-hand side, and add `gain` to its mean depth [m].
+        """Correct x to the masses of the right-hand side, and add `gain` to its mean depth [m].
 
         Only masses that all effects conserve are restored; forcing contains no tracer.
         """
@@ -258,8 +258,8 @@ class VariableStepper(Stepper):
 class ImplicitStepper(VariableStepper):
     """A stepper with a Newton-Krylov solver of its equations.
 
-    `tolerance`: see `StageSolver`; `solver`: that of another stepper of the same model, shared with
-    its options.
+    `tolerance`: see `StageSolver`; `solver`: the solver of another stepper of the same model, to be
+    shared; its tolerance and preconditioner then apply.
     """
 
     equations: ClassVar[type[StageProblem]] = StageProblem

@@ -28,7 +28,7 @@ ANGLE = 1.2
 
 
 class InfinitesimalStep(FlowLimitStepper):
-    """Multirate infinitesimal step: the stages of a Runge-Kutta method are flows of the waves.
+    """Multirate infinitesimal step: each Runge-Kutta stage integrates the gravity waves.
 
     Wensch, Knoth & Galant 2009, Knoth & Wensch 2014 (doi:10.1175/MWR-D-13-00068.1; source of the
     coefficients). With the changes D_j since the start x of the step, D_i is the result of Z' = L Z

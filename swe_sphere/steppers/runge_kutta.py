@@ -46,8 +46,8 @@ class RungeKutta(Stepper):
         mesh, point, mixed, alone = model.device_mesh, self.state, model.zeros(), len(self.b) == 1
         self._mix = in_runs(model.launch, mix, mesh.real, mesh.lanes, *mesh.spans())
         self._stages: list[tuple[Any, ...]] = []
-        """Of each stage level = start + dt share K(point, offset): the terms of the sum of levels
-        before it in `start`, `start`, the right-hand side, `point`, `offset` and `level`."""
+        """Tuples (terms, start, rhs, point, offset, level): a stage is level = start + dt share
+        K(point, offset), where `start` contains the sum of earlier levels in `terms`."""
         for (weights, share), offset, level in zip(self._sums(), offsets, levels, strict=True):
             (used,), terms, start = np.nonzero(weights), None, self.state
             if alone or used.size:

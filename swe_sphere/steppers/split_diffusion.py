@@ -1,11 +1,11 @@
 """Viscosity, hyperviscosity and the edge penalty in separate steps, so that they limit no step.
 
-The first two are linear, symmetric and inexpensive to keep stable: a Runge-Kutta-Legendre method of
-s stages damps all modes up to a rate times step of (s² + s - 2)/2 (Meyer, Balsara & Aslam 2014,
-doi:10.1016/j.jcp.2013.08.021, section 2.2: RKL2, of second order). If first order suffices and the
-step is short enough, a single Euler stage costs half of that.
+Viscosity and hyperviscosity are linear and symmetric: a Runge-Kutta-Legendre method of s stages
+damps all modes up to a rate times step of (s² + s - 2)/2 (Meyer, Balsara & Aslam 2014,
+doi:10.1016/j.jcp.2013.08.021, section 2.2: RKL2, of second order, s at least 2). If first order
+suffices and the step is short enough, a single Euler stage replaces them.
 
-The edge penalty removes modes that grow in days, so that it need not act in every step.
+The edge penalty removes modes that grow over days, so that it need not act in every step.
 """
 
 import math
@@ -20,7 +20,7 @@ from swe_sphere.operators.launch import Span, in_runs
 from swe_sphere.operators.replay import Replay
 
 REACH = 0.75
-"""Fraction of the stable interval that is used; its end hardly damps the fastest modes."""
+"""Fraction of the stable interval that is used; near its end damping of fast modes is weak."""
 ONE_STAGE = 1.24
 """Largest rate times step of a single stage.  Modes beyond 1 change their sign; at 0.97 of its
 limit `forward-backward` amplifies waves whose factor is below -0.24, at 0.95 it does not."""
@@ -87,7 +87,7 @@ class Diffusion:
         self._replay(state.ptr, self._step, state, None, 1.0, last, state)
 
     def join(self, past: wp.array, slope: wp.array) -> None:
-        """Replace the slope of all other terms, held from `past` on, by the mean with diffusion.
+        """Replace `slope`, all other terms at `past`, by the mean slope over dt with diffusion.
 
         If D(past) and the slope cancel, the result is zero: steady states stay steady.
         """

@@ -64,7 +64,7 @@ def largest_step(
 
 
 def tableau(rows: Sequence[Sequence[float]], stages: int) -> NDArray[np.float64]:
-    """Return the matrix A (stages, stages) of a method from its last rows, without zeros behind."""
+    """Return the matrix A (stages, stages) of a method from its last rows, filled up with zeros."""
     a = np.zeros((stages, stages))
     for i, row in enumerate(rows, start=stages - len(rows)):
         a[i, : len(row)] = row
@@ -98,7 +98,7 @@ def check_order(
 
     matrices: A of each part of the right-hand side. A condition b . phi = 1 / density belongs to
     each rooted tree whose branches have matrices (Hairer, Norsett & Wanner 1993, II.2 and II.15).
-    weights, order: those of an embedded method, in the place of `b` and `order`.
+    weights, order: weights and order of an embedded method, to check it instead of the method.
     """
     b, branches = np.array(cls.b if weights is None else weights), list[_Branch]()
     declared = order or cls.order

@@ -18,8 +18,8 @@ SHARE = 0.45
 PROBE = 1e-2
 """Fraction of a time step after which the slope is sampled again to find its rate of change."""
 TRACER_SHARE = 0.1
-"""Approximate Froude number of the flows here: it gives the change of a tracer that the wind
-carries the same weight as the change of the wind."""
+"""Approximate Froude number of atmospheric flow, by which the change of a tracer that the wind
+carries has the same weight as the change of the wind."""
 NOTHING = 1e-60
 """Weight that counts as none, because weights must be positive."""
 WORTHLESS = 0.3
@@ -64,7 +64,7 @@ class Motion:
         self.bend = space.zeros()
         """x'' between the last two steps."""
         self.rate, self.last_dt = 0.0, 0.0
-        """The latter is the length [s] of the last step, 0 before the first."""
+        """|x'|, and the length [s] of the last step, which is 0 before the first."""
         self.frequencies = (0.0, 0.0)
 
     def accept(self, old: wp.array, new: wp.array, dt: float) -> None:

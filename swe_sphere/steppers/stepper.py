@@ -97,7 +97,7 @@ class Trajectory(NotCopyable):
         self.start(earlier.state, t)
 
     def step(self) -> None:
-        """Advance `state`."""
+        """Advance `state` by `together` steps."""
         raise NotImplementedError
 
     def take(self, most: int) -> None:
@@ -177,7 +177,7 @@ class Stepper(Trajectory, ABC):
     diffusion_steps: ClassVar[int | None] = None
     """Steps over which `advance` includes `diffusion` in its change; None: `step` splits it off."""
     splits_penalty: ClassVar[bool] = True
-    """True if the penalty is split from the stages, which must damp waves of over pi a step."""
+    """True if the penalty is split from stages; they must damp phase changes over pi in a step."""
     diffusion_order: ClassVar[int] = 2
     """Order of separate diffusion; one above the order of the splitting gains nothing."""
     levels: ClassVar[tuple[str, ...]] = ()
@@ -335,7 +335,7 @@ class Stepper(Trajectory, ABC):
 
     @classmethod
     def growth(cls, z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
-        """Largest amplification factors of a step for both parts' eigenvalues times dt."""
+        """Return the largest growth in a step for eigenvalues times dt of waves and dissipation."""
         raise ConfigError(
             f"stepper {cls.name} defines no `growth(cls, z_wave, z_dissipation)`, from which its"
             " stability limit follows"

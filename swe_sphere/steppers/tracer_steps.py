@@ -21,7 +21,7 @@ T = TypeVar("T")
 FLOW = "flow_"
 """Prefix of the names of the arrays that the flow's stepper keeps."""
 PARTS = 2
-"""Largest number of initial parts of a tracer step; there are more if the wind grows."""
+"""Largest number of parts of a tracer step in the initial wind; stronger winds require more."""
 MARGIN = 1.1
 """Factor by which the spectral radius may exceed the value expected from the initial state."""
 _REACH = {float(reach): stages for reach, stages in read_table("TracerStages").items()}
@@ -220,7 +220,7 @@ def _of_flow(values: dict[str, T]) -> dict[str, T]:
 
 
 class CarriedWithDepth(TracerSteps):
-    """Depth and tracers carried by a prescribed wind, held constant in each piece of a long step.
+    """Depth and tracers carried by a prescribed wind, held constant in each part of a long step.
 
     No separate flow then requires shorter steps.
     """

@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from swe_sphere.studies.report import Ranking
 
 REPRESENTATIVES = ("forward-backward", "rk4", "semi-implicit", "epi2", "tr-bdf2")
-"""Steppers that are measured: of each family the one that is cheapest at most points of the map
-along resolution, and the classical explicit one."""
+"""Steppers that are measured by default: of each family the stepper that is cheapest in most
+cases of docs/results/resolution, and rk4."""
 RUNS = 200.0
-"""Cost of a search, in runs of rk4 with its longest step over the same days."""
+"""Estimated cost of a search, in runs of rk4 with its longest step over the same days."""
 TIMED_STEPS = 8
 
 
@@ -61,7 +61,7 @@ class Advice(NamedTuple):
 
     @property
     def command(self) -> str:
-        """Command of that run."""
+        """Shell command of the advised run."""
         words = ["swe-sphere", "run", self.config.scene]
         for name, value in self.config.given().items():
             for each in value if isinstance(value, tuple) else (value,):
@@ -71,16 +71,16 @@ class Advice(NamedTuple):
 
 
 def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
-    """Search for the cheapest stepper and step with an error, over as many days as fit the budget.
+    """Measure steppers, and return the cheapest one with a step that keeps to the required error.
 
-    The extrapolation assumes that errors grow in proportion to the days.
+    If the budget does not cover all days, the runs are shorter and the required error is smaller in
+    proportion, on the assumption that errors grow linearly with time.
 
     Raises:
-        ConfigError: the scene cannot be built, the error is smaller than that of the reference run,
-            or no stepper with the error is found.
+        ConfigError: the scene cannot be built, or the error cannot be reached or measured.
         Interrupted: the user asked to stop.
     """
-    from swe_sphere.studies.report import sweep_rankings  # matplotlib takes its time to import
+    from swe_sphere.studies.report import sweep_rankings  # matplotlib is slow to import
 
     apart = {"error", "budget", "steppers"}
     common = question.model_dump(exclude=apart, exclude_unset=True, exclude_none=True)
@@ -103,8 +103,8 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
     own = float(dataset.attrs["converged_check"])
     if not target >= own:
         raise ConfigError(
-            f"error: {target:.2g} cannot be measured, the reference run has {own:.2g}:"
-            " ask for a larger one"
+            f"error: {target:.2g} cannot be measured, as the error of the reference run is"
+            f" {own:.2g}: give a larger error"
         )
     for ranking in sweep_rankings(dataset):
         for best in ranking.winners(0).to_dict("records"):
@@ -114,8 +114,8 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
                 chosen["preconditioner"] = best["preconditioner"]
             return Advice(days, whole, ranking, make_config(common | chosen))
     raise ConfigError(
-        f"error: no step is found that keeps to {question.error:g} over {whole:g} days: ask for a"
-        f" larger one, or allow more than {question.budget:g} s (budget)"
+        f"error: no step keeps the error to {question.error:g} over {whole:g} days: give a larger"
+        f" error, or a budget of more than {question.budget:g} s"
     )
 
 

@@ -29,7 +29,7 @@ from swe_sphere.simulation.simulation import run_scene
 MARKS = ("day,spread [", "made by swe-sphere ensemble")
 """Texts by which the table and the picture of a spread are recognised."""
 FREE = ("overwrite", "out", "days", "time_limit", "restart", "quiet", "as_json", "live", "plot")
-"""Fields in which the configuration of a member may differ from that of its file."""
+"""Fields of the configuration that may differ between a member and its existing file."""
 
 
 def run_members(
@@ -46,7 +46,7 @@ def run_members(
     """
     if len(seeds) > 1000 or not 2 <= len(set(seeds)) == len(seeds):
         few = ",".join(map(str, seeds[:8])) or "none"
-        raise ConfigError(f"seeds: give 2 to 1000 different ones, got {few}")
+        raise ConfigError(f"seeds: give 2 to 1000 different numbers, got {few}")
     with clear_errors(f"cannot write to {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
     return [_member(config, seed, folder, tell) for seed in seeds]
@@ -105,7 +105,7 @@ def spread(files: Sequence[Path], field: str = "vorticity") -> pd.DataFrame:
     runs = [RunFile(path) for path in files]
     field = check_field(field, runs[0].about)
     times, mesh = runs[0].times, runs[0].mesh
-    for other in runs[1:]:  # those that were interrupted have more frames
+    for other in runs[1:]:  # interrupted members have further frames
         same = all(other.attributes[name] == runs[0].attributes[name] for name in MESH_ATTRIBUTES)
         times = times[[bool(np.any(np.abs(other.times - t) < TOLERANCE)) for t in times]]
         if times.size < min(2, runs[0].times.size) or not same:
@@ -121,7 +121,7 @@ def spread(files: Sequence[Path], field: str = "vorticity") -> pd.DataFrame:
 
 
 def spread_files(field: str, folder: Path) -> list[Path]:
-    """Return the table and the picture that `write_spread` writes."""
+    """Return the paths of the table and of the picture that `write_spread` writes."""
     return [folder / f"spread_{field}{ending}" for ending in (".csv", ".png")]
 
 

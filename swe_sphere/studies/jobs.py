@@ -38,8 +38,8 @@ def in_processes(
 ) -> Iterator[Any]:
     """Yield the results of tasks from up to `jobs` processes, in the order of their arrival.
 
-    The processes end when the iterator is exhausted or closed. begin: called in each process; can
-    be pickled. The function that it returns does one task and returns its result, which must be
+    The processes end when the iterator is exhausted or closed. begin: picklable, called once in
+    each process. It returns a function that does one task and returns its result, which must be
     small: a process that dies in the middle of a message leaves its reader waiting.
 
     Raises Interrupted if the user asked to stop, RunFailed if a process died or a task raised an
@@ -77,7 +77,7 @@ def in_processes(
 
 
 def _end_of(processes: Collection[BaseProcess]) -> str:
-    """Return how the process that died came to its end, the others being killed or terminated."""
+    """Return how a process died, in words; the pool kills or terminates the others after it."""
     codes = {each.exitcode or 0 for each in processes} - {0, -signal.SIGTERM}
     code = min(codes - {-signal.SIGKILL} or codes, default=0)
     if code < 0:
@@ -99,7 +99,7 @@ def _private_start() -> Iterator[None]:
 
 
 _work: Callable[[], Callable[[Any], Any]]
-"""Returns the function that does a task in this process of the pool."""
+"""Function of this process of the pool that returns the function that does a task."""
 
 
 def _initialise(alive: Connection, begin: Callable[[], Callable[[Any], Any]]) -> None:

@@ -29,7 +29,7 @@ def rendered(package: str, template: str, *filters: Callable[..., object], **val
 
 
 def prose(name: str, *values: object) -> str:
-    """Return a sentence: the macro of that name in the templates of all studies."""
+    """Return the text of a macro of prose.j2, called with these values."""
     sentences = _environment(__package__ or "", False).get_template("prose.j2").module
     return str(getattr(sentences, name)(*values)).strip()
 
@@ -56,7 +56,7 @@ def _environment(package: str, escape: bool) -> Environment:
 def check_ours(path: Path, *marks: str, flag: str = "out", what: str = "is not of a sweep") -> None:
     """Raise ConfigError if a file would be replaced that has none of the marks of its kind.
 
-    marks: by default `MARK`. flag: the option of the file. what: describes the file.
+    marks: by default `MARK`. flag: the option of the file. what: text of the error after the path.
     """
     with clear_errors(f"cannot write to {path}"):
         old = contents_of(path) if path.exists() else None
@@ -68,7 +68,7 @@ def write_made(out: Path, files: Mapping[str, str]) -> None:
     """Write the pages of sweeps and their figures by name into a folder.
 
     Raises ConfigError if the folder cannot be created, or a file would be replaced that no sweep
-    wrote, and RunFailed if the disk fails; each file is the old one or the new one.
+    wrote, and RunFailed if the disk fails; each file remains whole, either old or new.
     """
     with clear_errors(f"cannot write the report to {out}"):
         out.mkdir(parents=True, exist_ok=True)

@@ -112,7 +112,7 @@ class Store(Generic[R]):
                 for path in self.folder.glob("[0-9]*.json"):
                     path.unlink()
             finally:
-                with suppress(OSError):  # it holds runs
+                with suppress(OSError):  # the folder still contains records
                     self.folder.rmdir()
 
 

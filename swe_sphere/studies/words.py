@@ -1,4 +1,4 @@
-"""Numbers as they are read: short, with their units."""
+"""Short texts of numbers, with their units."""
 
 import math
 
@@ -32,7 +32,7 @@ def level(value: float) -> str:
 
 
 def step(value: float) -> str:
-    """A time step, to a second or to four digits."""
+    """Return a time step, to a second or to four digits."""
     return f"{value:.0f} s" if value >= 1000.0 else f"{value:.4g} s"
 
 

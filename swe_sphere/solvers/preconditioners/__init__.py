@@ -23,8 +23,8 @@ def make_preconditioner(
 ) -> Preconditioner | None:
     """Return the preconditioner of that name, file or class; None for "none".
 
-    A scene with prescribed wind has no gravity waves and gets None. Raises ConfigError if there is
-    no such preconditioner, or not exactly one in the file; see `Registry.find`.
+    For a scene with prescribed wind, which has no gravity waves, the result is None. Raises
+    ConfigError if there is none, or not exactly one in the file; see `Registry.find`.
     """
     kind = PRECONDITIONERS.find(which)
     if kind is IdentityPreconditioner or model.scene.wind is not None:

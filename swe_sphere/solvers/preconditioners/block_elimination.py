@@ -78,7 +78,7 @@ class BlockElimination(KeptSetup):
 
 
 class Helmholtz(BlockElimination):
-    """The Schur complement by a coarse correction and Chebyshev steps."""
+    """Block elimination that inverts S by a coarse correction and Chebyshev steps."""
 
     name, launches = "helmholtz", True
 
@@ -94,7 +94,7 @@ class Helmholtz(BlockElimination):
 
 
 class DirectElimination(BlockElimination):
-    """The Schur complement by sparse LU factors, on the host."""
+    """Block elimination that inverts S by sparse LU factors, on the host."""
 
     name, real = "helmholtz-direct", wp.float64
 

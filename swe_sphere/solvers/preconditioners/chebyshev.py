@@ -30,7 +30,7 @@ def chebyshev_coefficients(degree: int, largest: float) -> list[tuple[float, flo
 
 
 def largest_eigenvalue(operator: SchurOperator, inverse: Array) -> float:
-    """Return a bound on the spectrum of the operator's S times `inverse` (N,), its diagonal's."""
+    """Return a bound on the spectrum of D^-1 S; `inverse` (N,) is 1/D, D the diagonal of S."""
     x, image = operator.field(), operator.field()
 
     def product(values: Array) -> Array:

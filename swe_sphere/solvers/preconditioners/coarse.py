@@ -33,11 +33,11 @@ CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 
 def coarse_spaces(mesh: Mesh) -> list[ElementSpace]:
-    """Return functions of V = 6 ne^2 + 2 vertices: smooth, both patterns, each pattern.
+    """Return four spaces: smooth functions, and computational modes at V = 6 ne^2 + 2 vertices.
 
-    The two directions are paired across element boundaries around each vertex. At the eight cube
-    corners, where three elements meet, they cannot be distinguished: there the third space contains
-    both and the fourth has no function (V - 8 in all).
+    Modes alternate from node to node in both directions (second space) or in one of them (third,
+    fourth), paired across element boundaries. At the eight cube corners, where three elements meet,
+    directions cannot be paired: the third space has both, the fourth no function (V - 8 in all).
     """
     ends = np.array(CORNERS) * (mesh.np - 1)
     _, number = np.unique(mesh.nodes[:, ends[:, 0], ends[:, 1]], return_inverse=True)
@@ -120,9 +120,9 @@ MOST = 2 * CONTRIBUTORS
 
 
 class CoarsePart:
-    """Functions and elements of this rank; a single process has all.
+    """Functions and elements of this rank; a single process owns all.
 
-    It transfers between fields and coefficients of these functions.
+    The methods transfer between fields and coefficients of these functions.
     """
 
     def __init__(
@@ -196,11 +196,11 @@ class CoarsePart:
         return square
 
     def here(self, functions: Integers) -> Integers:
-        """Return their indices among the functions of this rank."""
+        """Return the indices of `functions` among the functions of this rank."""
         return np.searchsorted(self.functions, functions)
 
     def owned(self, functions: Integers) -> Integers:
-        """Return those of `functions` (V',) whose first element belongs to this rank."""
+        """Return the members of `functions` (V',) whose first element belongs to this rank."""
         mine: Integers = functions[self._owner_of(functions) == self._mesh.comm.rank]
         return mine
 
@@ -232,7 +232,7 @@ class CoarsePart:
     def _contributing(self, places: Integers, size: int) -> NDArray[np.int32]:
         """Return offsets (n, MOST) of the contributions to each function, in the mesh's order.
 
-        A missing contribution is -1, as in the ring; the fourth of three points past all `size`.
+        A missing contribution is -1, as for functions of the ring; a fourth after three is `size`.
         """
         element, slot = np.nonzero(self._is_mine()[self._numbers])
         row = self.here(self._numbers[element, slot])
@@ -396,7 +396,7 @@ def _filled(matrix: scipy.sparse.csr_array, shape: tuple[int, int]) -> scipy.spa
 
 
 def _reach(smooth: ElementSpace, slopes: list[Any]) -> scipy.sparse.csr_array:
-    """Coupling: smooth functions meet in an element, others if both have slopes there."""
+    """Return rows of functions that couple: smooth ones by element, modes by common slopes."""
     element, function = np.indices(smooth.numbers.shape)[0].ravel(), smooth.numbers.ravel()
     of_elements = scipy.sparse.csr_array((np.ones(element.size), (element, function)))
     return scipy.sparse.block_diag([of_elements, *slopes], format="csr")

@@ -16,7 +16,7 @@ LONG = 10.0
 Chebyshev step after the last correction pays off and, without `symmetric`, a second cycle."""
 COURANT_A_CYCLE = 20.0
 MOST_CYCLES = 4
-"""Gravity-wave Courant numbers, each of which adds a cycle; below the first a step is saved."""
+"""Each such increase of the gravity-wave Courant number adds a cycle, up to MOST_CYCLES."""
 DEGREES = {3: 3, 4: 2}
 """Number of Chebyshev steps by np, otherwise 4.  At np 3 all waves share their shortest wave, whose
 nodal values are 1, 0, -1, 0: the coarse correction overshoots it, and two steps do not reduce it,

@@ -16,11 +16,11 @@ from swe_sphere.operators.tracers import MixingRatio
 from swe_sphere.settings.registry import Registry
 
 PRECONDITIONERS: "Registry[Preconditioner]" = Registry("preconditioner")
-"""All preconditioners by name; a class with a `name` is entered where it is defined."""
+"""All preconditioners by name; a class with a `name` registers itself."""
 
 COSTS = ("preconditioner_applications", "setups", "setup_seconds")
 LARGEST_MEMORY = 4e9
-"""Largest memory [bytes] of a factorisation or of patch inverses."""
+"""Largest memory [bytes] of the factors of a preconditioner."""
 STEP_CHANGE = 0.1
 DEPTH_CHANGE = 0.1
 """Relative change of tau, or of depth anywhere, above which a new set-up pays off."""
@@ -52,7 +52,7 @@ class Preconditioner(ABC):
 
     @classmethod
     def memory_of_factors(cls, nodes: int, np: int) -> float:
-        """Return the approximate memory [bytes] of factors or inverses for `nodes` nodes."""
+        """Return the approximate memory [bytes] of the factors for `nodes` nodes."""
         return 0.0
 
     @abstractmethod
@@ -81,7 +81,7 @@ class Preconditioner(ABC):
         return {}
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:  # noqa: B027 (optional)
-        """Repeat that set-up; if `state` contains none, return to the initial condition."""
+        """Repeat the set-up in the result of `state_dict`; without one, discard the present one."""
 
 
 class IdentityPreconditioner(Preconditioner):

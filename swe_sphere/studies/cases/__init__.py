@@ -19,9 +19,9 @@ def verify(
     """Measure errors, orders and invariants of scenes, and compare each with its bound.
 
     Args:
-        scenes: Names of scenes, or of cases; none: all of them.
+        scenes: Names of groups, scenes or cases; without any, all cases are run.
         quick: Whether to run only the cases that take less than a second each.
-        launch: Shape of kernel launches; "node" is the shape of GPUs.
+        launch: Shape of kernel launches; "node" is the shape of GPUs; None: as the cases state.
         jobs: Number of processes that measure cases in parallel.
 
     Returns:

@@ -32,7 +32,7 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "verification": {"run": {"ne": 8, "np": 4, "days": 5.0}, "bounds": {"mass_drift": 1e-13}},
     "stability": {"method": "series", "seconds": 900.0},
 }
-"""Values of all cases of a folder, unless its file states otherwise."""
+"""Default values of the cases in a folder; the files may override them."""
 
 
 @dataclass(frozen=True)
@@ -128,16 +128,16 @@ class Case(BaseModel):
     report: tuple[str, ...] = ()
     note: str = ""
     is_quick: bool = True
-    """True if the quick form has the case, with the changes in `quickly`."""
+    """True if the quick form contains the case, with the changes in `quickly`."""
     quickly: dict[str, Any] = {}
 
     def configured(self, changes: Mapping[str, Any] | None = None) -> RunConfig:
-        """Return the configuration of the run with changes; ConfigError for what does not fit."""
+        """Return the configuration of the run with changes; ConfigError if a value does not fit."""
         limit = {} if self.seconds is None else {"time-limit": self.seconds}
         return make_config(by_field(merged(limit | self.run, changes or {})))
 
     def changed(self, **changes: Any) -> Case:
-        """Return the case with other values; those in `run` are merged with its own."""
+        """Return the case with other values; `run` is merged with the settings of its run."""
         run = merged(self.run, changes.pop("run", {}))
         return Case.model_validate(self.model_dump() | {"run": run} | changes)
 
@@ -211,7 +211,7 @@ class Table(Case):
         return self
 
     def cases(self) -> Iterator[Case]:
-        """Yield all cases; one with the remedy, which must pass, after the one that may break."""
+        """Yield all cases; after each that needs the remedy, the same case with the remedy."""
         own = self.model_dump(include=set(Case.model_fields) & self.model_fields_set)
         for level in () if self.steppers else self.levels:
             keys = {key: level[key] for key in level if key in Case.model_fields}
@@ -226,7 +226,7 @@ class Table(Case):
             names |= dict.fromkeys(family or [get_stepper(word).name])
         for index, stepper in enumerate(names):
             seeds = range(index, self.random, len(names))
-            # other np than 4 compile more kernels
+            # the quick form is limited to np 4: each further np compiles further kernels
             few = [seed for seed in seeds if random_setting(seed)[0]["np"] == 4][:2]
             case = Case.model_validate(own | {
                 "name": f"{self.name}-{stepper}",
@@ -246,7 +246,7 @@ class Table(Case):
 
 @dataclass(frozen=True)
 class Family:
-    """Cases that belong together."""
+    """The cases of one file, a group of the page."""
 
     name: str
     title: str
@@ -297,7 +297,7 @@ def choose(
         launch: Shape of kernel launches; None: as the cases state.
 
     Raises:
-        ConfigError: an unknown name or shape, or no case is left.
+        ConfigError: an unknown name or shape, or no case remains.
     """
     cases = [case for family in families(folder).values() for case in family.cases]
     known = [(case.family, case.scene, case.name) for case in cases]
@@ -315,5 +315,5 @@ def choose(
         raise ConfigError("no case remains: choose other names or steppers, or leave out --quick")
     if launch is not None:
         cases = [case.changed(run={"launch": launch}) for case in cases]
-        cases[0].configured()  # an unknown shape ends here
+        cases[0].configured()  # raises ConfigError for an unknown shape
     return cases

@@ -57,7 +57,7 @@ class Measure(Record):
 
 
 def measure(case: Case, tick: Tick | None = None) -> Measure:
-    """Run a case and measure it by its method; tick: called with the progress.
+    """Run a case and measure it by its method; tick: called with the progress as text.
 
     Raises Interrupted if the user asked to stop.
     """
@@ -103,7 +103,7 @@ def _errors(case: Case, run: RunConfig, tick: Tick | None) -> Summary:
 
 
 def _begun(run: RunConfig) -> Simulation:
-    """Return the run without frames between start and end, to which its step would have to fit."""
+    """Return the started simulation; it has frames only at both ends: others would limit dt."""
     if run.days:
         run = run.model_copy(update={"every": 24.0 * run.days})
     sim = Simulation(make_scene(run), config=run)
@@ -122,7 +122,7 @@ def _completed(run: RunConfig) -> Simulation:
 
 
 def _compared(sim: Simulation, case: Case, changes: dict[str, Any]) -> Fields:
-    """Return the fields, at the nodes of a simulation, of its case with changes of the run."""
+    """Return the final fields of the case with changes of its run, at the nodes of `sim`."""
     other = _completed(case.configured(changes).model_copy(update={"tolerance": None}))
     return at_nodes(other.mesh, other.snapshot.fields, sim.mesh)
 
@@ -170,7 +170,7 @@ def _errors_against(sim: Simulation, case: Case) -> dict[str, float]:
 
 
 SAMPLES = 120
-"""About how many samples of a run are taken."""
+"""Approximate number of samples of a run."""
 CHANGES = (*DRIFTS, "total_vorticity")
 ENDS = ("l2_h", "l2_v", "linf_h", "off_wave", "off_mirror")
 """Numbers of which only the last sample is used."""
@@ -194,14 +194,14 @@ class Series(Observer):
         self.rows.append({"day": snapshot.time / DAY} | snapshot.diagnostics | off)
 
     def numbers(self) -> dict[str, float]:
-        """Return the numbers of the series; none of a run that had no sample.
+        """Return the numbers of the series; empty if there is no sample.
 
         Drifts are the largest of either sign over the run; max_wind [m s-1] is the largest,
         min_depth [m] the least; wind_growth is max_wind over that of the start, froude the largest
-        max_wind over the speed of gravity waves, energy_gain the largest rise of energy.  Errors
-        are those at the end; growth_v and growth_h describe their growth in time, see `_growth`.
-        symmetry_day is the first day on which a hundredth of v² is off the symmetry, infinite if
-        there is none.  Of tracers: extremes of mixing ratios, and the largest drift of a mass.
+        max_wind over the speed of gravity waves, energy_gain the largest rise of energy.  `ENDS`
+        are values at the end; growth_v and growth_h describe the growth of errors, see `_growth`.
+        symmetry_day is the first day on which off_wave exceeds 0.01, infinite if there is none.
+        For tracers there are extremes of mixing ratios, and the largest drift of a mass.
         """
         if not self.rows:
             return {}
@@ -266,7 +266,7 @@ SYMMETRIES = {"off_wave": off_wave, "off_mirror": off_mirror}
 
 @lru_cache(maxsize=2)
 def _images(mesh: Mesh, matrix: tuple[tuple[float, ...], ...]) -> NDArray[np.intp]:
-    """Return for each node the one that it is mapped to; ValueError if there is none."""
+    """Return the index of the node to which each node is mapped; ValueError if there is none."""
     apart, found = KDTree(mesh.xyz).query(mesh.xyz @ np.array(matrix).T)
     if apart.max() > 1e-9:
         raise ValueError("the mesh does not have this symmetry: leave out stretch, centre and spin")

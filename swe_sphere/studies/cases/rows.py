@@ -36,7 +36,7 @@ class Row:
     case: Case
     measure: Measure
     before: Row | None = None
-    """The case of the same name before it, None for the first."""
+    """The preceding row of the same name; None for the first."""
 
     @cached_property
     def quantities(self) -> dict[str, float]:
@@ -81,7 +81,7 @@ class Row:
         if self.before is None:
             checks = [check for check in checks if check.quantity not in ORDERS.values()]
         found = [(check, self.quantities.get(check.quantity, math.nan)) for check in checks]
-        # an upper bound alone limits the size
+        # an upper bound alone limits the absolute value
         return [replace(of, obtained=abs(x) if math.isinf(of.low) else x) for of, x in found]
 
     @property
@@ -194,9 +194,9 @@ def run_cases(
 def measured_beside(
     jobs: int, cases: Sequence[Case], known: Collection[str] = ()
 ) -> Iterator[Measure]:
-    """Measure cases in parallel, those of a name in one process, and omit cases that are timed.
+    """Measure cases in parallel, except timed ones; one process measures all cases of a name.
 
-    known: Fingerprints of cases that are not measured.  Raises as `in_processes`.
+    known: Fingerprints of cases that are not measured.  Raises the errors of `in_processes`.
     """
     left = [case for case in cases if not case.is_timed and case.fingerprint not in known]
     tasks = [[*group] for _, group in groupby(left, lambda case: case.name)]
@@ -217,12 +217,12 @@ COLUMNS = {name: f"{name[:-2]}({name[-1]})" for name in NORMS} | {
 
 
 def page(folder: str, rows: Sequence[Row], command: str) -> str:
-    """Return the page of the rows of "verification" or "stability", made by a command."""
+    """Return the Markdown page of rows of "verification" or "stability"; command: its origin."""
     sections, summary = [], []
     for family in families(folder).values():
         mine = [row for row in rows if row.case.family == family.name]
         if mine:
-            # of hard runs those that did not pass are shown, and the same runs with a remedy
+            # of stability cases, show those that did not pass, and the same cases with a remedy
             hard = {row.case.name for row in mine if folder == "verification" or not row.passed}
             shown = [row for row in mine if row.case.name.partition("+")[0] in hard]
             table = pd.DataFrame(map(cells_of, shown))
@@ -245,7 +245,7 @@ def page(folder: str, rows: Sequence[Row], command: str) -> str:
 
 
 def _drift(row: Row) -> float:
-    """Return the relative drift of mass, 0 where it is not conserved to round-off."""
+    """Return the relative drift of mass; 0 for a run in float32 or without a bound on it."""
     kept = any(check.quantity == MASS for check in row.checks)
     return abs(row.quantities.get(MASS, 0.0)) if kept and row.config.precision == "float64" else 0.0
 
@@ -256,7 +256,7 @@ def cells_of(row: Row) -> dict[str, str]:
     They show bounded and reported quantities, and all norms and orders if one norm is shown.
     """
     case, numbers, checks = row.case, row.quantities, row.checks
-    # the introduction states the largest of those that hold
+    # the introduction states the largest drift of mass within its bound
     told = {MASS} if any(x.quantity == MASS and x.holds for x in checks) else set()
     names = dict.fromkeys([*(check.quantity for check in checks), *case.report])
     names |= dict.fromkeys(COLUMNS if {*names} & {*NORMS} else ())

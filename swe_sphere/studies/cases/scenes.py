@@ -1,4 +1,4 @@
-"""Scenes of cases only: exact solutions, set-ups of another model, demanding states."""
+"""Scenes that only cases use; "(exact)" marks scenes with an exact solution."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -34,14 +34,14 @@ State = tuple[Array, Array, Array]
 MEAN = 1000.0
 """Mean depth [m]."""
 EMPTY = Scene("empty", (), at_rest(MEAN), ne=4, days=1.0)
-"""Nothing acts on the fluid."""
+"""Scene without effects, in which nothing acts on the fluid."""
 
 
 def decay(nu: float = 0.0, nu4: float = 0.0, default: bool = False) -> Scene:
-    """Spherical harmonics that viscosity and hyperviscosity let decay (exact).
+    """Spherical harmonics that decay by viscosity and hyperviscosity (exact).
 
     With Y = cos³ θ cos 3λ + ... of degree l = 3, depth 1000 m + 100 m Y and wind
-    10 m/s a (grad Y + k x grad Y) obey d/dt = -(nu k² + nu4 k⁴) with k² = l (l + 1)/a²; the
+    10 m/s a (grad Y + k x grad Y) decay at the rate nu κ² + nu4 κ⁴ with κ² = l (l + 1)/a². The
     Laplacian of the wind is Hodge's, whose eigenvalue on gradients and curls of Y is the same.
 
     nu: viscosity [m2 s-1]; nu4: hyperviscosity [m4 s-1]; default: leave the hyperviscosity of the
@@ -64,10 +64,10 @@ def decay(nu: float = 0.0, nu4: float = 0.0, default: bool = False) -> Scene:
 def friction(linear: float, quadratic: float, time: float) -> Scene:
     """Drag and relaxation alone, node by node (exact).
 
-    The wind follows d|v|/dt = -r |v| - c |v|², so |v| = r s / ((r + c s) exp(r t) - c s) with s its
-    start; the depth nears its equilibrium exponentially.
+    The wind follows d|v|/dt = -r |v| - c |v|², so |v| = r s / ((r + c s) exp(r t) - c s), where s
+    is its initial value. The depth approaches its equilibrium exponentially.
 
-    linear: r [s-1]; quadratic: c [m-1]; time: of the relaxation [s].
+    linear: r [s-1]; quadratic: c [m-1]; time: time scale of the relaxation of depth [s].
     """
 
     def equilibrium(lon: Array, lat: Array) -> Array:
@@ -94,7 +94,7 @@ def driven(alpha: float = np.pi / 4.0) -> Scene:
         h = (3000 m - 1000 m s²) (1 + t/T),
         Fh = h(0)/T,  Fv = (u0² - 2 g 1000 m (1 + t/T)) s grad s / a,
 
-    keep the wind as it is; grad is that of the unit sphere.
+    keep the wind constant. T is 5 days, u0 is 40 m/s, and grad is taken on the unit sphere.
 
     alpha: tilt of the axis of the flow [rad].
     """
@@ -120,7 +120,7 @@ def driven(alpha: float = np.pi / 4.0) -> Scene:
 
 
 def _starting(exact: UnsteadyState, base: Scene, **values: Any) -> Scene:
-    """Return a scene with other values that starts as its exact solution does."""
+    """Return `base` with other values and an exact solution, which is also its initial state."""
     return replace(base, initial=lambda lon, lat: exact(lon, lat, 0.0), exact=exact, **values)
 
 
@@ -136,7 +136,7 @@ def _harmonic(lon: Array, lat: Array) -> State:
 def _changed(
     name: str, change: Callable[[Array, Array, Array, Array, Array], State], **values: Any
 ) -> Scene:
-    """Return a built-in scene with other values, and a change(lon, lat, u, v, h) of its start."""
+    """Return a built-in scene with other values, its initial state changed by `change`."""
     base = get_scene(name)
     return replace(
         base, initial=lambda lon, lat: change(lon, lat, *base.initial(lon, lat)), **values
@@ -174,7 +174,7 @@ def homme_wave() -> Scene:
 
 
 def nondivergent_wave(depth: float) -> Scene:
-    """williamson6 against its nondivergent limit, which great depths [m] approach.
+    """williamson6 of a polar depth [m]; great depths approach the exact nondivergent limit.
 
     Without divergence the wave turns eastward at (28 ω - 2 Ω) / 30 and keeps its shape.
     """
@@ -190,7 +190,7 @@ def thin_flow(depth: float, alpha: float) -> Scene:
     If the wind is faster than the gravity waves, schemes whose vorticity flux and kinetic energy do
     not match become unstable (Hollingsworth et al. 1983; Peixoto, Thuburn & Bell 2018).
 
-    depth: of the layer [m]; alpha: tilt of the axis of flow and of rotation [rad].
+    depth: thickness of the layer [m]; alpha: tilt of the axis of flow and of rotation [rad].
     """
     base = get_scene("williamson2", alpha=alpha)
 
@@ -204,7 +204,7 @@ def thin_flow(depth: float, alpha: float) -> Scene:
 
 
 def thin_layer(outside: float) -> Scene:
-    """A dam of 1000 m that breaks onto water of another depth [m]."""
+    """A dam of 1000 m that breaks onto water of the depth `outside` [m]."""
     return _changed(
         "dam-break",
         lambda lon, lat, u, v, h: (u, v, outside + (1000.0 - outside) * (h - 1000.0) / 1000.0),
@@ -222,7 +222,7 @@ def noisy(name: str) -> Scene:
 
 
 def noise(shape: tuple[int, ...], seed: int) -> Array:
-    """Three fields of independent normal numbers: as rough as a mesh can show."""
+    """Return three fields of independent standard normal numbers, uncorrelated between nodes."""
     return np.random.Generator(np.random.PCG64(seed)).standard_normal((3, *shape))
 
 
@@ -258,7 +258,7 @@ def flow_over(bottom: Bottom) -> Scene:
 
 
 def zonal(radius: float, gravity: float, rotation: float, depth: float) -> Scene:
-    """Steady zonal flow of 40 m/s as in williamson2 (exact), of this mean depth [m]."""
+    """Steady zonal flow of 40 m/s as in williamson2 (exact), with this mean depth; SI units."""
     speed = 40.0
     fall = (radius * rotation * speed + 0.5 * speed**2) / gravity
 
@@ -295,9 +295,9 @@ def random_setting(seed: int) -> tuple[dict[str, Any], dict[str, float]]:
 def random_state(seed: int) -> Scene:
     """Random balanced flow over random hills on a random planet, out of balance with the hills.
 
-    Radius and gravity within a factor of three of the Earth's, any rotation up to twice the
-    Earth's, mean depths from 100 m to 20 km, hills and hollows of a tenth of that, noise of 0.1 %
-    from node to node.  Speeds are halved until the state is admissible.
+    Radius and gravity are within a factor of three of the Earth's, the rotation is at most twice
+    as fast, and the mean depth is 100 m to 20 km. Each hill or hollow is up to a twentieth of the
+    depth, and noise from node to node is 0.1 %.  Speeds are halved until the state is admissible.
     """
     draw = np.random.default_rng((seed, 0))
     planet = Planet(
@@ -336,7 +336,7 @@ def _admissible(planet: Planet, depth: float, speed: float, seed: int) -> Balanc
 
 
 def _hills(draw: np.random.Generator, height: float) -> Scalar:
-    """Return three hills and hollows of at most that height [m] each at random places."""
+    """Return three hills or hollows of at most half that height [m] each, at random places."""
     places = [
         (draw.uniform(0.0, 2.0 * np.pi), np.arcsin(draw.uniform(-1.0, 1.0)),
          draw.uniform(-0.5, 0.5) * height, draw.uniform(0.15, 0.6))
@@ -359,7 +359,7 @@ SCENES: dict[str, Callable[..., Scene]] = {
         thin_layer, zonal, random_state, nondivergent_wave, thin_flow,
     )
 }  # fmt: skip
-"""Scenes by the names in files of cases; their keyword parameters are those of the scene."""
+"""Functions that build scenes, by names in files of cases; their parameters are scene settings."""
 
 
 def make_scene(config: RunConfig) -> Scene:

@@ -1,4 +1,4 @@
-"""The figures of a sweep: looks of steppers, and curves through runs on logarithmic axes.
+"""The figures of a sweep: colours and markers of steppers, and curves on logarithmic axes.
 
 The page of a sweep and `ds.sweep` draw the same figures.
 """
@@ -37,7 +37,7 @@ MOST_CURVES = 8
 SMALLEST = 1e-17
 """Value at which zero is drawn."""
 LEAST, SHORT, LONG = 3.0, 10.0, 300.0
-"""Ratio of the highest to the lowest value of an axis: at least, and where it has fewer ticks."""
+"""Ratios of the highest to the lowest value: least of the y axis; others add ticks below them."""
 
 LIMITS = (
     "Gravity limit: of leapfrog without filter; advective limit: the same for the wind alone."
@@ -46,7 +46,7 @@ LIMITS = (
 
 
 def looks(steppers: Iterable[str]) -> dict[str, tuple[str, dict[str, Any]]]:
-    """Return family and look of steppers by name, in the order of legends.
+    """Return family and matplotlib line properties of steppers by name, in the order of legends.
 
     The hue stands for the family and the shade for the stepper; custom steppers share a shade of
     their family, or of "other" where their class is not known, and differ by the marker.
@@ -82,7 +82,7 @@ class Picture(NamedTuple):
 def error_pictures(
     runs: pd.DataFrame, metric: Metric, where: str, floor: float = 0.0
 ) -> Iterator[Picture]:
-    """Draw an error on one mesh against the cost and against the step, where runs are known.
+    """Yield pictures of an error on one mesh: against the cost, if runs were timed, and the step.
 
     where: first part of the names of files.  floor: error of the reference.
     """
@@ -98,7 +98,7 @@ def error_pictures(
 
 
 def other_pictures(runs: pd.DataFrame, where: str) -> Iterator[Picture]:
-    """Draw iterations and energy, which do not depend on the choice of error."""
+    """Yield pictures of iterations and energy, which do not depend on the choice of error."""
     krylov, drift = runs["krylov_a_step"], runs["energy_drift"].abs()
     title, label = "Krylov iterations a step", "|relative change of energy|"
     runs = runs.assign(**{title: krylov.where(krylov > 0.0), label: drift})
@@ -114,7 +114,7 @@ def figure_of(
 ) -> Figure:  # fmt: skip
     """Return a figure of the runs on one mesh: one panel, or one for each family.
 
-    draw: draws into axes the runs of a family, or of all if its name is empty.  width: [mm].
+    draw: called with axes, runs and a family, which is empty for all families.  width: in mm.
     """
     with style.context(STYLE):
         families = [*dict.fromkeys(family for family, _ in looks(runs["stepper"]).values())]
@@ -134,7 +134,7 @@ class Curves(NamedTuple):
     """Column "dt" or "cost"."""
     y: str | Metric
     floor: float = 0.0
-    """Error of the reference: below, axes are grey."""
+    """Error of the reference; the area below it is grey."""
 
     def shown(self, runs: pd.DataFrame) -> pd.DataFrame:
         """Return the comparable runs that have both values."""
@@ -149,7 +149,7 @@ class Curves(NamedTuple):
             yield Picture(name, title, caption, svg_text(figure_of(self.draw, runs), name))
 
     def draw(self, axes: Axes, runs: pd.DataFrame, family: str = "") -> None:
-        """Draw the curves of a family, those of others in grey; their names stand on the right."""
+        """Draw the curves of a family, and other curves in grey; the legend is on the right."""
         shown, known, (x, y, floor) = self.shown(runs), looks(runs["stepper"]), self
         if x == "dt":
             _mark_limits(axes, shown)
@@ -238,9 +238,9 @@ def _mark_limits(axes: Axes, runs: pd.DataFrame) -> None:
 
 
 def finish(axes: Axes, x: str, y: str) -> None:
-    """Give logarithmic axes their names, a grid and readable numbers."""
+    """Make axes logarithmic, label them, and set ticks with readable numbers."""
     axes.set(xscale="log", yscale="log", xlabel=x, ylabel=y)
-    low, high = axes.get_ylim()  # farther apart, so that noise does not fill the axes
+    low, high = axes.get_ylim()  # widened, so that noise does not fill the axes
     factor = math.sqrt(max(1.0, LEAST * low / high))
     axes.set_ylim(low / factor, high * factor)
     for axis in (axes.xaxis, axes.yaxis):

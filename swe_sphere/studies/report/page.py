@@ -48,7 +48,7 @@ class Section:
     """The whole sweep."""
     runs: pd.DataFrame
     rankings: list[Ranking]
-    """Error of the first ranking."""
+    """Rankings by kind of error; the first one provides the headline."""
 
     @cached_property
     def figures(self) -> list[list[Picture]]:
@@ -83,14 +83,14 @@ class Section:
 def sweep_rankings(datasets: Dataset | Mapping[str, Dataset]) -> list[Ranking]:
     """Return the decisive ranking for each mesh of sweeps: its headline and its table.
 
-    It ranks by the error of the search, or by the error that distinguishes steppers best. Raises
-    ConfigError if a dataset is not one of a sweep.
+    It ranks by the error of the search, or by the first available error of `ranking.ANSWERED`.
+    Raises ConfigError if a dataset is not one of a sweep.
     """
     return [ranking for section in read_sections(datasets) for ranking in section.rankings[:1]]
 
 
 def read_sections(datasets: Dataset | Mapping[str, Dataset]) -> list[Section]:
-    """Return a section for each mesh of sweeps; ConfigError for a dataset of something else."""
+    """Return a section for each mesh of sweeps; ConfigError for a dataset of another kind."""
     if isinstance(datasets, Dataset):
         datasets = {str(datasets.attrs["scene"]): datasets}
     sections = []
@@ -107,7 +107,7 @@ def read_sections(datasets: Dataset | Mapping[str, Dataset]) -> list[Section]:
 
 
 def _searched(runs: pd.DataFrame, plan: Mapping[str, Any]) -> list[Metric]:
-    """Return the error that a plan has searched for, at the last day, where there is any."""
+    """Return the error for which a plan searched, at the last day; empty if no run has it."""
     kind, field = plan.get("target_kind", "auto"), plan.get("target_field", "h")
     kinds = ("total", "time") if kind == "auto" else (kind,)
     norm, field = plan.get("target_norm", "l2"), "vorticity" if kind == "slow" else field
@@ -124,7 +124,7 @@ def slug(text: str) -> str:
 def run_table(runs: pd.DataFrame, short: bool = False) -> pd.DataFrame:
     """Return the texts of all columns with a value for some run, by title and row.
 
-    short: of the essential columns alone.
+    short: return only the essential columns.
     """
     known = read_toml(COLUMNS)
     errors = [
@@ -150,10 +150,10 @@ def write_report(
     """Write index.html and its figures (SVG) into a folder.
 
     datasets: what `sweep` returns, or several by name: a section each.
-    title: of the page; empty: the recipe's, or the first dataset's.
-    recipe: of the sweeps; its introduction and notes are shown, and README.md is written too.
-    Returns the path of index.html.  Raises ConfigError if a dataset is not one of a sweep, and as
-    `write_made`.
+    title: title of the page; if empty, the title of the recipe, or of the first dataset.
+    recipe: recipe of the sweeps; its texts are shown, and README.md is written too.
+    Returns the path of index.html.  Raises ConfigError if a dataset is not one of a sweep, and the
+    errors of `write_made`.
     """
     sections = read_sections(datasets)
     told = recipe.title if recipe else sections[0].dataset.attrs.get("title")

@@ -22,7 +22,7 @@ from swe_sphere.studies.sweep.record import FIELDS, UNITS, WORDS
 COMPARED = ("grid", "target")
 """Roles of runs that represent a setting; the other runs find limits and references."""
 ERROR = ("kind", "field", "norm", "report_day")
-"""Dimensions of the errors of a run, as `Metric` has them."""
+"""Dimensions of the errors of a run, in the order of the fields of `Metric`."""
 
 KINDS = {"total": "total error", "time": "time error", "slow": "slow-flow error"}
 SYMBOLS = {"l1": "l1", "l2": "l2", "linf": "l∞"}
@@ -32,7 +32,7 @@ REPEATABLE = 0.03
 TIMED_ONCE = 0.1
 """Relative uncertainty of the time of a run that was timed once."""
 LINES = ("-", "--", ":", "-.")
-"""Styles of the variants of a stepper."""
+"""Line styles of the variants of a stepper."""
 VARIANT = ("preconditioner", "precision", "device", "settings")
 """Settings that distinguish the curves of one stepper."""
 MOST_TARGETS = 5
@@ -49,7 +49,7 @@ BEST, TIE = "★ ", "≈ "
 
 @dataclass(frozen=True)
 class Metric:
-    """One of the errors of a run, which names its column."""
+    """One of the errors of a run; instances are labels of columns in the table of runs."""
 
     kind: str
     """time: relative to a converged run on the same mesh; total: relative to the exact solution or
@@ -83,7 +83,7 @@ class Metric:
 
 
 def read_runs(dataset: Dataset) -> pd.DataFrame:
-    """Return variables and errors of each run, numbered from 1; an error's column is a `Metric`.
+    """Return variables and errors of each run, numbered from 1; labels of errors are `Metric`s.
 
     Further columns: cost: time that runs are ranked by [s], NaN if none was measured; least, most:
     the shortest and the longest time that cannot be distinguished from it; compared: whether a run
@@ -136,7 +136,7 @@ def _derived(runs: pd.DataFrame) -> dict[str, Any]:
 def _name_curves(runs: pd.DataFrame, members: pd.DataFrame) -> None:
     """Set label and style of the runs of one stepper on one mesh."""
     variants = members[[*VARIANT]].astype(object)
-    for name in VARIANT:  # a run that never began may not have noted its own
+    for name in VARIANT:  # a run that never began may lack a value
         if len(only := {*variants[name]} - {""}) == 1:
             variants[name] = only.pop()
     variants["preconditioner"] = variants["preconditioner"].replace("none", "no preconditioner")
@@ -157,7 +157,7 @@ def metrics(runs: pd.DataFrame) -> list[Metric]:
 
 
 def candidates(runs: pd.DataFrame, metric: Metric) -> pd.DataFrame:
-    """Return comparable runs: completed, of a setting, with an error."""
+    """Return comparable runs (column `compared` of `read_runs`) that have this error."""
     return runs[runs["compared"] & runs[metric].notna()]
 
 
@@ -183,10 +183,10 @@ def cheapest(runs: pd.DataFrame, metric: Metric, target: float) -> pd.DataFrame:
 
 
 def targets(best: Iterable[float], resolved: float = 0.0) -> list[float]:
-    """Return round errors, falling: from one that all of them reach to the smallest reached one.
+    """Return round errors, the largest first: from one that all reach to the smallest reached.
 
     They are powers of ten, and three times these if that gives at most MOST_TARGETS; of too many
-    the smallest are omitted. resolved: smaller errors are too uncertain to be targets.
+    the smallest are omitted. best: smallest error of each curve. resolved: least possible target.
     """
     best = [error for error in best if error > 0.0]
     if not best:
@@ -222,12 +222,12 @@ class Ranking:
     """Error of the converged run to which the errors are relative; 0 if unknown."""
 
     def reached(self, target: int) -> pd.DataFrame:
-        """Return the cheapest timed run of each curve for a target, by rising cost."""
+        """Return the cheapest timed run of each curve for `targets[target]`, by rising cost."""
         found = self.runs.loc[self.table[target][self.table[target] > 0]]
         return found[found["timed"]].sort_values("cost", kind="stable")
 
     def winners(self, target: int) -> pd.DataFrame:
-        """Cheapest run for a target, and those whose costs cannot be distinguished from it."""
+        """Return the cheapest run for `targets[target]`, and runs of indistinguishable cost."""
         found = self.reached(target)
         return found[found["least"] <= found["most"].head(1).max()]
 
@@ -238,7 +238,7 @@ class Ranking:
 
     @property
     def answered(self) -> int | None:
-        """The target of the headline: the smallest that two steppers reach, or else one."""
+        """Index of the headline's target: the smallest that two curves reach, or else one."""
         counts = [(self.table[i] > 0).sum() for i in range(len(self.targets))]
         told = [i for fewest in (1, 2) for i, count in enumerate(counts) if count >= fewest]
         return told[-1] if told else None

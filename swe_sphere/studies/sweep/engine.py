@@ -38,22 +38,22 @@ from swe_sphere.studies.sweep.runs import (
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan, make_plan
 
 SHORTEST = 64.0
-"""A search for an error tries steps down to the longest one, or the gravity limit, over this."""
+"""A search for an error tries no step below min(longest step, gravity limit) over this number."""
 TRIAL_GROWTH = {True: 1.12, False: 2.0}
 """Ratio of trial steps in the search for a limit, with and without a limit from theory."""
 FARTHEST = {"gravity_limit": 64.0, "advective_limit": 8.0}
 """A search for an error begins with a step of at most the largest of these multiples of limits."""
 AGREE = 0.03
-"""Runs are repeated until their two shortest times differ by at most this fraction,"""
+"""Runs are repeated until their two shortest times differ by at most this fraction."""
 MOST_REPEATS = 3
-"""and at most this many times as often as the plan requests."""
+"""Runs are repeated at most this many times as often as the plan requests."""
 SEARCHING = 0.7
 """Fraction of a budget for searches; repeats use the remainder."""
 NEAR_BEST = 1.5
 """Runs up to this many times the time of the cheapest accurate run are timed again."""
 
 Part = tuple[int, int | None]
-"""Runs of one process in turn: number of an integrator, and index in its grid or None."""
+"""A task of one process: number of an integrator, and index in its grid, or None for searches."""
 
 
 def sweep(
@@ -108,7 +108,7 @@ def run_sweep(
 ) -> xr.Dataset:
     """Carry out a plan in a folder and write its dataset there; finished runs are not repeated.
 
-    own: a scene that stands behind the name in the plan.
+    own: a scene that replaces the one that the plan names.
 
     Raises:
         ConfigError: the plan cannot be carried out in that folder, or another sweep is running
@@ -309,7 +309,7 @@ class Sweep:
         return ""
 
     def _error(self, record: RunRecord) -> float:
-        """Error at the end of a run for the plan's target; infinite if the run failed."""
+        """Return the error at the end of a run in the plan's norm; infinite if the run failed."""
         plan = self._plan
         field = "vorticity" if plan.target_kind == "slow" else plan.target_field
         found: dict[str, float | None] = {
@@ -323,5 +323,5 @@ class Sweep:
 
 
 def making_parts(plan: SweepPlan, folder: Path) -> Callable[[Part], None]:
-    """Prepare one of several processes that run parts of a sweep."""
+    """Prepare a process that runs parts of a sweep; return the function that runs one part."""
     return Sweep(plan, folder, SweepWatcher(), beside=True).make

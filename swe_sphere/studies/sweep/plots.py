@@ -20,7 +20,7 @@ class SweepFigures:
     from sweep.nc.  Methods return the axes; with more than eight curves each family has a panel,
     and the first one is returned.  `axes.figure.savefig("cost.pdf")` writes a file.
 
-    ax: axes to draw into, None for those of a new figure.  width: that of a new figure [mm].  kind:
+    ax: axes to draw into, None for a new figure.  width: width of a new figure [mm].  kind:
     "time", "total" or "slow" error, None for the one that ranks the steppers.
 
     Every method raises ConfigError if the dataset is not of a sweep, or lacks that error.
@@ -42,7 +42,7 @@ class SweepFigures:
         return self._drawn("dt", ax, width, kind)
 
     def plot_limits(self, ax: Axes | None = None, width: float = 84.0) -> Axes:
-        """Draw the steps of each stepper: those that reached the end and those that failed."""
+        """Draw the steps of each stepper: markers for completed runs, crosses for failed ones."""
         return self._drawn("", ax, width, None)
 
     def _drawn(self, x: str, ax: Axes | None, width: float, kind: str | None) -> Axes:

@@ -52,7 +52,7 @@ class Errors(Record):
 
     @classmethod
     def of(cls, kind: str, by_day: Mapping[float, Norms], share: float = 1.0) -> list[Errors]:
-        """Errors of fields by day, multiplied by `share`."""
+        """Return the errors of all fields and days, multiplied by `share`."""
         return [
             cls(kind=kind, field=name, day=day, **{norm: share * x for norm, x in of.items()})  # type: ignore[arg-type]
             for day, errors in by_day.items()
@@ -223,7 +223,7 @@ def _row(run: RunRecord, scene: str) -> dict[str, Any]:
 
 
 def _errors(runs: list[RunRecord]) -> xr.DataArray:
-    """All errors, NaN where there is none."""
+    """Return all errors as an array; NaN where there is none."""
     days = sorted({error.day for run in runs for error in run.errors})
     values = np.full((len(runs), len(KINDS), len(FIELDS), len(NORMS), len(days)), np.nan)
     for n, run in enumerate(runs):

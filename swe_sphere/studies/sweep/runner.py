@@ -1,6 +1,6 @@
 """Run the runs of a sweep one after the other, store them, and compute their errors.
 
-Errors are relative to a time-converged run, total, or those of the slow flow.
+These are time errors (relative to a time-converged run), total errors and slow-flow errors.
 """
 
 import gc
@@ -50,7 +50,7 @@ from swe_sphere.studies.sweep.runs import (
 KEPT = ("u", "v", "h", "vorticity")
 """Fields of a state whose errors are computed."""
 TIMES = ("wall_seconds", "cpu_seconds", "setup_seconds", "compile_seconds", "total_seconds")
-"""Numbers that are not reported of runs in parallel with others."""
+"""Numbers that the records of parallel runs omit."""
 WARM_STEPS = 2
 """Untimed steps at the start: the second step of a two-step method is its first regular one."""
 
@@ -79,7 +79,7 @@ class SweepWatcher:
         self._bar.set_postfix_str(spec.label)
 
     def tick(self, step: int) -> None:
-        """Show the number of its steps so far; called about ten times a second."""
+        """Show the number of steps of the run so far; called about ten times a second."""
         self._bar.set_postfix_str(f"{self._label}, step {step} of {self._steps}")
 
     def done(self) -> None:
@@ -144,7 +144,7 @@ def run_timed(
 def perturbed(
     spec: RunSpec, sim: Simulation, interruption: Interruption, time_limit: float | None
 ) -> Summary:
-    """Repeat a run from its initial state with noise; it is unstable if the noise grows.
+    """Repeat a run with initial noise; it is unstable if the noise grows beyond `GROWN`.
 
     sim: the run, at its end.
     """
@@ -183,7 +183,7 @@ def warm_up(spec: RunSpec) -> float:
 
 
 def _begun(spec: RunSpec) -> Simulation:
-    """The simulation at its start."""
+    """Return the started simulation of a run; ConfigError if the run is known to be impossible."""
     if spec.refusal is not None:
         raise ConfigError(spec.refusal)
     sim = spec.integrator.space.simulation(spec.config)
@@ -194,7 +194,7 @@ def _begun(spec: RunSpec) -> Simulation:
 class Runner:
     """Runs the runs; each one ends as a record in the store before the next begins.
 
-    sources: those of all runs; records of other sources are ignored. time_limit: wall time of the
+    sources: fingerprints of all runs; records with others are ignored. time_limit: wall time of the
     steps of a run [s]. jobs: number of parallel processes.
     """
 
@@ -241,7 +241,7 @@ class Runner:
         evaluate: Callable[[Discretisation, History], list[Errors]] | None = None,
         repeat: int = 0,
     ) -> RunRecord:
-        """Return the record of a run: the known one, or that of a new run.
+        """Return the record of a run, which is performed unless its record is known.
 
         evaluate: computes its errors. Raises Interrupted if the user asked to stop, and RunFailed
         if the record cannot be written.
@@ -257,7 +257,7 @@ class Runner:
     def make(
         self, spec: RunSpec, time_limit: float | None = None, repeat: int = 0
     ) -> tuple[RunRecord, History]:
-        """Make a run, warmed up; return its record without errors, and fields at report days."""
+        """Warm up and run; return the record, without errors, and the fields at report days."""
         self.interruption.check()
         self._watcher.begin(spec)
         compiled = 0.0
@@ -280,7 +280,7 @@ class Runner:
         return record, fields
 
     def keep(self, record: RunRecord) -> RunRecord:
-        """Write a record."""
+        """Store a record and return it in the form in which it is read."""
         kept = self._known[record.key, record.repeat] = self._store.add(record)
         return kept
 
@@ -304,7 +304,7 @@ class Evaluator:
         self._right: dict[tuple[str, float], OnGrid | Fields | None] = {}
 
     def __call__(self, space: Discretisation, history: History) -> list[Errors]:
-        """Errors of all kinds of the fields at report days."""
+        """Return the errors of all kinds of the fields at report days."""
         converged = self.converged(space)
         days, model = [day for day in history if day in converged], space.sim.model
         found = self._total_errors(space, history)
@@ -315,10 +315,10 @@ class Evaluator:
         return found
 
     def converged(self, space: Discretisation) -> History:
-        """Fields at report days of a run converged in time, on the same mesh in float64.
+        """Return the fields at report days of a time-converged run on the same mesh in float64.
 
-        A run of twice the step yields its own time error by Richardson extrapolation; the records
-        of both contain these errors and the total ones.
+        A second run with twice the step yields the time errors of both runs by Richardson
+        extrapolation; the records of both runs contain these errors and total errors.
         """
         key = (space.mesh.ne, space.mesh.np)
         if key not in self._converged:
@@ -352,7 +352,7 @@ class Evaluator:
             self._keep(spec, record.model_copy(update={"errors": errors}), fields)
 
     def _kept(self, spec: RunSpec) -> History | None:
-        """Fields at report days of a run, none if it failed; None if it is yet to be made."""
+        """Return the fields at report days of a run: {} if it failed, None if it was never run."""
         known = self._runner.known(spec)
         if known is None or known.status != "completed":
             return None if known is None else {}
@@ -376,7 +376,7 @@ class Evaluator:
             self._runner.keep(record)
 
     def _total_errors(self, space: Discretisation, history: History) -> list[Errors]:
-        """The total errors, relative to a file of the day or to the exact solution at the nodes."""
+        """Return total errors, relative to the file of a day or the exact solution at the nodes."""
         found: dict[float, Norms] = {}
         for day, fields in history.items():
             key = (space.identity, day)
@@ -397,5 +397,5 @@ class Evaluator:
         if space.scene.exact is None:
             return None
         fields = exact_fields(space.sim.model, day * DAY)
-        # its vorticity is that of the exact wind on the mesh
+        # vorticity is computed from the exact wind on the mesh
         return fields | {"vorticity": vorticity(space.mesh, fields["u"], fields["v"])}

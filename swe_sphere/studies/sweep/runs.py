@@ -51,19 +51,19 @@ if TYPE_CHECKING:
 RATIO = math.sqrt(2.0)
 """Ratio of successive steps of an explicit stepper, whose useful range is short."""
 FARTHEST = 64.0
-"""Longest implicit step, in gravity limits: slightly more than studies found useful."""
+"""Longest step of a stepper that gravity waves do not limit, in gravity limits."""
 SHORTEST = 2.0
-"""Shortest implicit step; at shorter steps an explicit stepper costs a fraction of the time."""
+"""Shortest implicit step, in gravity limits; for shorter steps explicit steppers cost less."""
 
 REFINEMENTS = 6
 LIMIT_KNOWN, ACCURATE_KNOWN = 0.02, 0.05
 """Relative accuracy with which searches find the longest working, or accurate, step."""
 PLATEAU = 0.9
-"""An error that a halved step leaves above this fraction of itself does not depend on the step."""
+"""If halving the step leaves more than this fraction of the error, the step does not matter."""
 
 
 TRIAL_STEPS, TRIAL_DAYS = 100, 5.0
-"""Least number of steps and of days of a trial of stability, which also covers the sweep."""
+"""Least number of steps and of days of a trial of stability; a sweep with more days extends it."""
 PERTURBATION = 1e-7
 """Size of the noise that must not grow in a trial, relative to the largest value of a field."""
 GROWN, GROWTH_OF_FLOW = 10.0, 0.5
@@ -167,8 +167,8 @@ SESSION = uuid.uuid4().hex
 class Discretisation:
     """A scene on a mesh: its initial state, limits, and fresh simulations.
 
-    config: that of any run on it, without use of its stepper. own: a scene that replaces the named
-    one. Raises ConfigError if scene or mesh cannot be built.
+    config: configuration of any run on the mesh; its stepper is ignored. own: a scene that replaces
+    the named one. Raises ConfigError if scene or mesh cannot be built.
     """
 
     def __init__(self, config: RunConfig, own: Scene | None = None) -> None:
@@ -216,7 +216,7 @@ class Discretisation:
         return {"gravity_limit": gravity, "advective_limit": advective}
 
     def stable_dt(self, kind: type[Stepper]) -> float:
-        """Approximate largest stable step [s] of a stepper at the initial state, or infinity."""
+        """Return the approximate stability limit [s] of a stepper at the initial state, or inf."""
         how = kind.spectrum.__func__  # type: ignore[attr-defined]
         if how not in self._spectra:
             model = self.sim.model
@@ -471,7 +471,7 @@ def reference_files(
 def users_methods(steppers: Iterable[str], preconditioners: Iterable[str]) -> dict[str, str]:
     """Return fingerprints of methods outside the package, by name.
 
-    steppers, preconditioners: names, or files. Raises ConfigError if there is none of a name.
+    steppers, preconditioners: names, or files. Raises ConfigError for an unknown name.
     """
     kinds: dict[str, type] = {f"the stepper {name}": STEPPERS.find(name) for name in steppers}
     kinds |= {f"the preconditioner {name}": PRECONDITIONERS.find(name) for name in preconditioners}
@@ -479,6 +479,6 @@ def users_methods(steppers: Iterable[str], preconditioners: Iterable[str]) -> di
 
 
 def users_fingerprint(item: object) -> str:
-    """Fingerprint of the file of a function or class, or this process's without a file."""
+    """Return the fingerprint of the file of a function or class; without a file, `SESSION`."""
     file = getattr(sys.modules.get(item.__module__), "__file__", None)
     return SESSION if file is None else file_fingerprint(Path(file))
