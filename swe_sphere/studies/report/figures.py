@@ -209,17 +209,15 @@ def _mark_slopes(axes: Axes, runs: pd.DataFrame, x: str, y: Metric) -> None:
             orders += [round(slope)] if abs(slope - round(slope)) < 0.3 else []
     powers = sorted(sorted({*orders}, key=orders.count)[-2:])
     ends, (low, high) = np.log(axes.get_xlim()), np.log(axes.get_ylim())
-    wide, falls = np.ptp(ends), x == "cost"
-    side = min(0.16 * wide, 0.35 * (high - low) / max(powers, default=1))
-    inward, base = (1.0 if falls else -1.0), low + 0.05 * (high - low)
-    corner = ends[0 if falls else 1] + inward * 0.05 * wide
-    tip = corner + inward * side
+    wide, tall, falls = np.ptp(ends), high - low, x == "cost"
+    side = min(0.16 * wide, 0.35 * tall / max(powers, default=1))
+    base, up = (high - 0.05 * tall, -side) if falls else (low + 0.05 * tall, side)
+    corner = ends[1] - 0.05 * wide  # costly and inaccurate, or long and accurate
     for power in powers:
-        top = base + power * side
-        corners = np.exp([[tip, corner, corner, tip], [base, top, base, base]])
+        top = base + power * up
+        corners = np.exp([[corner - side, corner, corner, corner - side], [base, top, base, base]])
         axes.plot(*corners, color=FAINT, linewidth=0.7)
-        axes.text(corners[0, 1], corners[1, 1], f"{power}", color=FAINT, va="center",
-                  fontsize="small", ha="right" if falls else "left")  # fmt: skip
+        axes.text(*corners[:, 1], f"{power}", color=FAINT, va="center", fontsize="small")
 
 
 def _mark_limits(axes: Axes, runs: pd.DataFrame) -> None:
@@ -248,7 +246,7 @@ def finish(axes: Axes, x: str, y: str) -> None:
         many = (1.0, 2.0, 5.0) if high < SHORT * low else (1.0, 3.0)
         axis.set_major_locator(LogLocator(subs=many if high < LONG * low else (1.0,)))
         axis.set_minor_locator(NullLocator())
-        axis.set_major_formatter("{x:g}")
+        axis.set_major_formatter(lambda value, _: words.number(value, 1))
 
 
 def svg_text(figure: Figure, name: str) -> str:
