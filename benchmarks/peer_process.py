@@ -6,7 +6,7 @@ import json
 import math
 import os
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -26,7 +26,7 @@ ALONE = {
     "NUMEXPR_NUM_THREADS": "1", "OMPI_MCA_ess_singleton_isolated": "1",
     "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false",
 }  # fmt: skip
-"""No threads; Dedalus without the launcher of its MPI."""
+"""No threads, unless a peer is given several cores; Dedalus without the launcher of its MPI."""
 
 
 @dataclass(frozen=True)
@@ -60,19 +60,20 @@ class Measured:
 
 
 class Peer:
-    """A model in a process that waits for requests, bound to one core.
+    """A model in a process that waits for requests, bound to cores: a thread of OpenMP on each.
 
     Raises OSError where the interpreter or what the model is made of is not there.
     """
 
-    def __init__(self, model: str, python: str, core: int, folder: Path) -> None:
+    def __init__(self, model: str, python: str, cores: Set[int], folder: Path) -> None:
         script = HERE / f"with_{model.replace('-', '_')}.py"
         self.model, self.folder, self.log = model, folder, folder / f"{model}.log"
         answers, ending = os.pipe()
         self.process = subprocess.Popen(
             [python, str(script), str(ending)], text=True, stdin=subprocess.PIPE,
-            stdout=self.log.open("w"), stderr=subprocess.STDOUT, env=os.environ | ALONE,
-            pass_fds=(ending,), preexec_fn=partial(os.sched_setaffinity, 0, {core}),
+            stdout=self.log.open("w"), stderr=subprocess.STDOUT,
+            env=os.environ | ALONE | {"OMP_NUM_THREADS": str(len(cores))},
+            pass_fds=(ending,), preexec_fn=partial(os.sched_setaffinity, 0, cores),
         )  # fmt: skip
         os.close(ending)
         self.answers = os.fdopen(answers)
@@ -92,8 +93,8 @@ class Peer:
             raise OSError(told[-1] if told else "ended without a word")
         return json.loads(line)
 
-    def run(self, measured: Measured) -> None:
-        """One more run of a setting; the first one is compared with the reference."""
+    def run(self, measured: Measured, compare: bool = True) -> None:
+        """Run a setting once more; compare the first run with the reference, if requested."""
         of, out = measured.setting, self.folder / f"{self.model}.npy"
         request = request_for(of, self.folder) | {"out": str(out)}
         self.process.stdin.write(json.dumps(request) + "\n")
@@ -104,7 +105,7 @@ class Peer:
             return
         measured.cpu.append(reply["cpu"])
         measured.wall.append(reply["wall"])
-        if len(measured.cpu) == 1:
+        if compare and len(measured.cpu) == 1:
             measured.error = surface_error(of, np.load(out))
 
 

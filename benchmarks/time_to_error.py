@@ -1,4 +1,4 @@
-"""Models of the sphere in turns on one core: time to an error.
+"""Time to an error: models of the sphere in turns on one core, and two of them on all cores.
 
 python benchmarks/time_to_error.py
 python benchmarks/time_to_error.py williamson5 --python /opt/peers/bin/python
@@ -7,15 +7,17 @@ python benchmarks/time_to_error.py galewsky --python shtns=/opt/a/bin/python --r
 
 from __future__ import annotations
 
+import json
 import os
+import subprocess
 import sys
 import tempfile
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -26,26 +28,33 @@ from sections import PAGES, Section, load, measure
 PATIENCE = 8.0
 """CPU time after which a setting is not run again [s]."""
 BOUNDS = (1e-3, 3e-4, 1e-4, 4e-5)
+"""Errors of the table of least times, for scenes without bounds in settings.toml."""
 OWN, BESIDE = "swe-sphere", "shtns"
 COLUMNS = ["model", "resolution", "stepper", "Δt [s]", "numbers", "steps", "l2", "CPU [s]",
            "median", "wall [s]", "runs"]  # fmt: skip
 NUMBERS, L2, CPU = (COLUMNS.index(name) for name in ("numbers", "l2", "CPU [s]"))
 
 
-def settings(scene: str) -> list[Setting]:
-    """What is to be run of a scene."""
+def tables() -> dict[str, dict[str, Any]]:
+    """Return settings.toml."""
     with (HERE / "settings.toml").open("rb") as file:
-        table = tomllib.load(file)[scene]
-    days = table.pop("days")
-    return [Setting(scene, days, model, *row) for model, rows in table.items() for row in rows]
+        return tomllib.load(file)
 
 
-def race(scene: str, pythons: Mapping[str, str], core: int, rounds: int) -> Section:
-    """All settings of a scene in turns, by the models that are there."""
-    found = [Measured(setting) for setting in settings(scene)]
+def settings(name: str) -> list[Setting]:
+    """Return the settings of a table of settings.toml."""
+    table = tables()[name]
+    days, scene, models = table["days"], table.get("scene", name), table["models"]
+    return [Setting(scene, days, model, *row) for model, rows in models.items() for row in rows]
+
+
+def race(name: str, pythons: Mapping[str, str], core: int, rounds: int) -> Section:
+    """All settings of a table in turns, by the models that are there."""
+    found = [Measured(setting) for setting in settings(name)]
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        peers, missing = start(dict.fromkeys(m.setting.model for m in found), pythons, core, folder)
+        models = dict.fromkeys(m.setting.model for m in found)
+        peers, missing = start(models, pythons, {core}, folder)
         for peer in peers.values():
             stack.enter_context(peer)
         for _ in range(rounds):
@@ -56,17 +65,63 @@ def race(scene: str, pythons: Mapping[str, str], core: int, rounds: int) -> Sect
     note = f"Day {found[0].setting.days:g}.  {versions}."
     if missing:
         note += f"  Not there: {', '.join(missing)}."
-    return Section(scene, note, COLUMNS, [row(m) for m in found if m.setting.model in peers])
+    return Section(name, note, COLUMNS, [row(m) for m in found if m.setting.model in peers])
+
+
+def cores(pythons: Mapping[str, str], rounds: int) -> Section:
+    """The same steps on one core and on all: threads of SHTns, ranks of this model."""
+    every = sorted(os.sched_getaffinity(0))
+    lines = []
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        peers = [start([BESIDE], pythons, {*of}, folder)[0] for of in (every[-1:], every)]
+        for peer in peers:
+            for each in peer.values():
+                stack.enter_context(each)
+        for of in settings("all-cores"):
+            walls: tuple[list[float], list[float]] = [], []
+            for _ in range(rounds):
+                for many, wall in enumerate(walls):
+                    if of.model == OWN:
+                        wall.append(ranked(of, len(every) if many else 1, folder))
+                    elif BESIDE in peers[many]:
+                        peers[many][BESIDE].run(measured := Measured(of), compare=False)
+                        wall.extend(measured.wall)
+            if all(walls):
+                one, more = map(min, walls)
+                step = f"{of.days * 86400 / of.steps:.0f}"
+                numbers = f"{one:.3g}", f"{more:.3g}", f"{one / more:.2f}"
+                lines.append([of.scene, of.model, of.resolution, of.stepper, step, *numbers])
+    many = len(every)
+    note = (
+        f"Wall times of the steps of one day, the shortest of {rounds} runs in turns: on one core,"
+        f" and on {many} cores with a thread (shtns) or a rank (swe-sphere) on each."
+    )
+    columns = ["scene", "model", "resolution", "stepper", "Δt [s]"]
+    columns += ["one core [s]", f"{many} cores [s]", "speed-up"]
+    return Section("One core and all cores", note, columns, lines)
+
+
+def ranked(of: Setting, ranks: int, folder: Path) -> float:
+    """Wall time of the steps of a run of this model on ranks [s]."""
+    (ne, np_), days = of.resolution.split(), of.days
+    command = [
+        sys.executable, "-m", "swe_sphere", "run", of.scene, "--ne", ne[2:], "--np", np_[2:],
+        "--stepper", of.stepper, "--dt", repr(days * 86400 / of.steps), "--days", f"{days:g}",
+        "--ranks", str(ranks), "--out", str(folder / "run.nc"), "--overwrite", "--json",
+    ]  # fmt: skip
+    told = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    return float(json.loads(told)["wall_seconds"])
 
 
 def start(
-    models: Sequence[str], pythons: Mapping[str, str], core: int, folder: Path
+    models: Iterable[str], pythons: Mapping[str, str], of: Set[int], folder: Path
 ) -> tuple[dict[str, Peer], list[str]]:
     """The models that can be started, and the names of those that cannot."""
     peers, missing = {}, []
     for model in models:
         try:
-            peers[model] = Peer(model, interpreter(model, pythons), core, folder)
+            peers[model] = Peer(model, interpreter(model, pythons), of, folder)
         except OSError as error:
             typer.echo(f"{model} is left out: {error}", err=True)
             missing.append(model)
@@ -110,16 +165,18 @@ def quickest(rows: Sequence[Sequence[str]], bound: float) -> dict[str, Sequence[
 def reached() -> Section:
     """The least time of each kind to each error, from the tables that there are."""
     store = load("peers")
-    tables = {scene: store[scene]["rows"] for scene in scenes() if scene in store}
-    draw(tables, PAGES / "peers.svg")
+    known = {name: of for name, of in tables().items() if name in store and name != "all-cores"}
+    bounds = {name: of.get("bounds") for name, of in known.items()}
+    draw({name: store[name]["rows"] for name, of in bounds.items() if not of}, PAGES / "peers.svg")
     lines = []
-    for scene, rows in tables.items():
-        for bound in BOUNDS:
+    for scene in bounds:
+        rows = store[scene]["rows"]
+        for bound in bounds[scene] or BOUNDS:
             best = quickest(rows, bound)
             for name in dict.fromkeys(kind(line) for line in rows):
                 if name in best:
                     lines.append(
-                        [scene, f"{bound:.0e}", name, *_told(best[name], best.get(BESIDE))]
+                        [scene, f"{bound:.1e}", name, *_told(best[name], best.get(BESIDE))]
                     )
     return Section(
         "The least time to an error",
@@ -135,14 +192,10 @@ def _told(line: Sequence[str], beside: Sequence[str] | None) -> list[str]:
     return [f"{line[1]}, {line[2]}, {line[3]} s", line[CPU], ratio]
 
 
-def scenes() -> list[str]:
-    """Those of settings.toml."""
-    with (HERE / "settings.toml").open("rb") as file:
-        return list(tomllib.load(file))
-
-
 def main(
-    names: Annotated[list[str] | None, typer.Argument(help="Scenes; all by default.")] = None,
+    names: Annotated[
+        list[str] | None, typer.Argument(help="Tables of settings.toml; all by default.")
+    ] = None,
     python: Annotated[
         list[str] | None, typer.Option(help="PATH, or NAME=PATH for one model; may be repeated.")
     ] = None,
@@ -152,9 +205,9 @@ def main(
     """Run scenes and store what was measured."""
     pythons = dict(each.rpartition("=")[::2] for each in python or ())
     core = core if core >= 0 else max(os.sched_getaffinity(0))
-    sections = {scene: partial(race, scene, pythons, core, rounds) for scene in scenes()}
-    chosen = dict.fromkeys([*(names or scenes()), "reached"])
-    measure("peers", sections | {"reached": reached}, [*chosen])
+    sections = {name: partial(race, name, pythons, core, rounds) for name in tables()}
+    sections |= {"all-cores": partial(cores, pythons, rounds), "reached": reached}
+    measure("peers", sections, [*dict.fromkeys([*(names or sections), "reached"])])
 
 
 if __name__ == "__main__":

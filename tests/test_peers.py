@@ -31,8 +31,8 @@ def of_williamson5(sim: Simulation) -> float:
 
 
 @pytest.fixture
-def core() -> int:
-    return max(os.sched_getaffinity(0))
+def core() -> set[int]:
+    return {max(os.sched_getaffinity(0))}
 
 
 def test_error_of_a_surface_on_a_gaussian_grid_is_that_at_the_references_points() -> None:
@@ -49,11 +49,12 @@ def test_grids_are_the_usual_ones_without_aliases(truncation: int, latitudes: in
 
 
 def test_settings_fill_the_days_and_have_known_models() -> None:
-    for scene in time_to_error.scenes():
+    for scene in time_to_error.tables():
         for of in time_to_error.settings(scene):
             assert of.days * 86400.0 / of.steps <= of.dt
             assert (peer_process.HERE / f"with_{of.model.replace('-', '_')}.py").exists()
-            assert (SHIPPED / f"{scene}_day{of.days:g}.nc").exists()
+            reference = SHIPPED / f"{of.scene}_day{of.days:g}.nc"
+            assert reference.exists() or scene == "all-cores"  # which compares times only
 
 
 def test_tables_tell_the_least_and_the_median_and_who_is_first() -> None:
