@@ -1,6 +1,6 @@
 """Wall time of a short run from the command line to its end.
 
-    python benchmarks/start_up.py [SECTION ...] [--repeats N]      start, again; both by default
+    python benchmarks/start_up.py [SECTION ...] [--repeats N]    start, again, fine; all by default
 
 Each run of `start` is a separate process; those of `again` follow one another in one process.
 Python keeps its byte code, even if PYTHONDONTWRITEBYTECODE is set.
@@ -40,6 +40,24 @@ for _ in range(9):
     print(time.perf_counter() - start)
 """
 
+FINE = """
+import sys, time
+from swe_sphere import Simulation
+stepper = sys.argv[1]
+dt = "auto" if sys.argv[2] == "auto" else float(sys.argv[2])
+for ne in (4, *map(int, sys.argv[3:])):
+    start = time.perf_counter()
+    sim = Simulation("williamson5", ne=ne, np=4, stepper=stepper, dt=dt)
+    times = [start]
+    for act in (sim.begin, sim.step, sim.step):
+        act()
+        times.append(time.perf_counter())
+    before, first, second = (b - a for a, b in zip(times, times[1:]))
+    print(before, max(0.0, first - second))
+"""
+"""Seconds before the first step, and how much longer the first step takes than the second."""
+MESHES = (30, 60, 120)
+
 KEPT = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
 """Environment of all processes."""
 
@@ -73,6 +91,18 @@ def again(name: str) -> list[str]:
     return [name, f"{first:.3f}", f"{min(later):.3f}", f"{statistics.median(later):.3f}"]
 
 
+def fine(name: str, dt: str) -> list[list[str]]:
+    """Return the rows of a stepper on fine meshes: the shorter of two processes."""
+    command = [sys.executable, "-c", FINE, name, dt, *map(str, MESHES)]
+    outputs = [subprocess.check_output(command, env=KEPT, text=True) for _ in range(2)]
+    runs = [[[float(x) for x in line.split()] for line in out.splitlines()] for out in outputs]
+    least = [min(run[k] for run in runs) for k in range(1, len(MESHES) + 1)]
+    return [
+        [name, f"ne{ne} np4", f"{before:.2f}", f"{longer:.2f}"]
+        for ne, (before, longer) in zip(MESHES, least, strict=True)
+    ]
+
+
 def main(
     sections: Annotated[list[str] | None, typer.Argument(help="Sections; default: all.")] = None,
     repeats: Annotated[int, typer.Option(help="Runs on each cache of compiled kernels.")] = 6,
@@ -101,7 +131,19 @@ def main(
             [again(name) for name in CASES if "," not in name],
         )
 
-    measure("start_up", {"start": start, "again": next_ones}, sections or [])
+    def fine_meshes() -> Section:
+        return Section(
+            "Set-up on fine meshes",
+            "Wall time [s] on williamson5, with compiled kernels, the shorter of two processes:"
+            " before the first step (mesh, operators and, for explicit steppers, the stability"
+            " limit), and by how much the first step takes longer than the second (preconditioner"
+            " of implicit steppers).",
+            ["stepper", "mesh", "before the first step", "in the first step"],
+            [*fine("rk4", "auto"), *fine("semi-implicit", "auto"), *fine("bdf2", "3600")],
+        )
+
+    parts = {"start": start, "again": next_ones, "fine": fine_meshes}
+    measure("start_up", parts, sections or [])
 
 
 if __name__ == "__main__":
