@@ -40,7 +40,7 @@ LEAST, SHORT, LONG = 3.0, 10.0, 300.0
 """Ratios of the highest to the lowest value: least of the y axis; others add ticks below them."""
 
 LIMITS = (
-    "Gravity limit: of leapfrog without filter; advective limit: the same for the wind alone."
+    "Limits are those of leapfrog without filter, the advective one for the wind alone."
     " Crosses at the top: runs that became unstable or whose solver failed."
 )
 
