@@ -452,3 +452,17 @@ def test_same_counts_on_another_planet_of_the_same_physics() -> None:
             for s, dt in ((scene, 1800.0), (small, 1800.0 * time))
         ]
         assert counts[0] == counts[1] > 0
+
+
+@pytest.mark.parametrize(
+    ("scene", "stepper", "dt"),
+    [
+        ("lake-at-rest", "ark2", 2880.0),
+        ("splash", "semi-implicit", 2880.0),
+        ("splash", "ark2", 96.0),
+    ],
+)
+def test_the_coarsest_mesh_is_solved_to_rounding_errors(scene, stepper, dt) -> None:
+    """Flow at rest, whose waves are solved for to the last digit."""
+    summary = Simulation(scene, ne=1, np=4, stepper=stepper, dt=dt, days=0.1).run()
+    assert summary.status == "completed", summary.reason

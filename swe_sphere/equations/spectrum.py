@@ -41,8 +41,8 @@ def spectral_radius(
     """Return the largest modulus of eigenvalues [s-1] of an operator's derivative, to about 1 %.
 
     operator: function F of wind and depth, part of that component of the right-hand side. Arnoldi
-    iteration uses products with the derivative at `state`: F(u+d) - F(u) for a quadratic F in
-    float64, otherwise [F(u+d) - F(u-d)]/2. Raises ConfigError if the tendency is not finite.
+    iteration uses products with the derivative at `state`: [F(u+d) - F(u-d)]/2, which is exact
+    for a d of any size if F is quadratic. Raises ConfigError if the tendency is not finite.
     """
     quadratic = all(effect.degree in (0, 1, 2) for effect in acting(model.scene, component))
     product = _scaled_product(model, state, operator, quadratic)
@@ -117,10 +117,9 @@ def _scaled_product(
     """Return d -> J d with depth as h sqrt(g/H), H its mean: waves have equal wind and depth.
 
     Each of several ranks computes its own nodes, and receives the whole product, in an array that
-    the next product overwrites. A central difference is exact for a quadratic operator and any d.
+    the next product overwrites.
     """
-    mesh, eps = model.device_mesh, np.finfo(model.device_mesh.numpy_real).eps
-    forward = quadratic and eps < 1e-12
+    mesh = model.device_mesh
     fluid, heights, factor = state[: model.fluid_size], slice(-mesh.size, None), 1.0
     base = fluid.numpy().astype(np.float64)
     if model.scene.wind is None:  # otherwise the depth is the only field
@@ -128,26 +127,22 @@ def _scaled_product(
         factor = float(np.sqrt(mean / model.scene.planet.gravity))
     largest = max(np.abs(base[: -mesh.size]).max(initial=0.0), np.abs(base[heights]).max() / factor)
     size = mesh.comm.of_each(largest).max() or 1.0
-    size *= 1.0 if quadratic and not forward else np.cbrt(eps)
+    size *= 1.0 if quadratic else np.cbrt(np.finfo(mesh.numpy_real).eps)
     moved, plus, minus = (model.zeros(model.fluid_size) for _ in range(3))
-    way, room = np.zeros(base.size), np.empty(base.size)
+    way, room = np.empty(base.size), np.empty(base.size)
 
     def tendency(combine: np.ufunc, out: wp.array) -> None:
         moved.assign(combine(base, way, out=room))
         operator(moved, out)  # always the same array, which recorded launches keep
-
-    tendency(np.add, minus)
 
     def product(d: NDArray[np.floating]) -> Array:
         step = size / max(float(d.max()), -float(d.min()), np.finfo(float).tiny)
         np.multiply(mesh.restrict(d), step, out=way, dtype=np.float64)
         way[heights] *= factor
         tendency(np.add, plus)
-        if not forward:
-            tendency(np.subtract, minus)
+        tendency(np.subtract, minus)
         np.subtract(plus.numpy(), minus.numpy(), out=room, dtype=np.float64)
         room[heights] /= factor
-        np.divide(room, step if forward else 2.0 * step, out=room)
-        return mesh.collect(room)
+        return mesh.collect(np.divide(room, 2.0 * step, out=room))
 
     return product

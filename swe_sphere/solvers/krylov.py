@@ -30,6 +30,8 @@ UNTRUSTED = 1e4
 MOST_ROUNDOFFS = 1e3
 # Fraction of a residual norm down to which later norms follow from products alone.
 FALL = 1e-3
+# Fraction of its terms below which a residual may be noise to a preconditioner in float32.
+NOISE = 1e-6
 
 
 class Status(Enum):
@@ -218,17 +220,21 @@ class ConjugateGradients(KrylovSolver):
         and s = A d.
         """
         space, r, s, w, curvature = self.space, self._residual, self._product, self._image, 0.0
+        preconditioned, noise = p.precondition is not None, NOISE * p.terms
         space.clear(self._direction)
         space.clear(s)
         while p.residual > goal and p.iterations < p.limit:
             check_stop()
-            z = r if p.precondition is None else self._preconditioned
-            if p.precondition is not None:
+            z = self._preconditioned if preconditioned else r
+            if p.precondition is not None and preconditioned:
                 p.precondition(r, z)
             p.operator(z, w)
             stack = self._stack
             found = space.projections((stack, 3, z), (stack, 3, w), (stack, 2, r), (stack, 1, s))
             sz, rz, wz, sw, rw, ww, sr, rr, ss = map(float, found)
+            if preconditioned and rz <= 0.0 and p.residual < noise:
+                preconditioned = False
+                continue
             # multiple of d that makes z conjugate to d, and <., A .> of the sum
             keep = -sz / curvature if curvature else 0.0
             curvature = wz + keep * sz
