@@ -217,7 +217,7 @@ def _mark_slopes(axes: Axes, runs: pd.DataFrame, x: str, y: Metric) -> None:
         top = base + power * up
         corners = np.exp([[corner - side, corner, corner, corner - side], [base, top, base, base]])
         axes.plot(*corners, color=FAINT, linewidth=0.7)
-        axes.text(*corners[:, 1], f"{power}", color=FAINT, va="center", fontsize="small")
+        axes.text(corners[0, 1], corners[1, 1], f"{power}", color=FAINT, va="center", size="small")
 
 
 def _mark_limits(axes: Axes, runs: pd.DataFrame) -> None:
