@@ -69,7 +69,7 @@ def williamson2(alpha: float = 0.0) -> Scene:
         g h = g h0 - (a Ω u0 + u0²/2) sin² θ',  f = 2 Ω sin θ',  g h0 = 2.94e4 m² s⁻²
 
     Args:
-        alpha: tilt of the axes of flow and rotation [rad]; 0, 0.05, π/2 - 0.05, π/2 in the paper.
+        alpha: tilt of the axis of flow and rotation [rad]; 0, 0.05, π/2 - 0.05, π/2 in the paper.
     """
     wind = _solid_body_wind(alpha)
     fall = (EARTH.radius * EARTH.rotation * SPEED + 0.5 * SPEED**2) / EARTH.gravity
