@@ -32,8 +32,8 @@ def galewsky(
     viscous case (`--set viscosity.nu=1e5`). Inviscid vorticity does not converge after day 4.
 
     Args:
-        perturbed: add the bump. Without the bump the flow is steady (exact), and any disturbance
-            that grows comes from the grid.
+        perturbed: add the bump. Without the bump the flow is steady (exact), so that all growth
+            comes from the imprint of the grid.
         speed: speed of the jet [m s-1], 80 in the paper; a stronger jet lowers the mean depth.
         seed: seed of random winds in linear balance, with the same energy at each degree of the
             spherical harmonics from 2 to 20, for the members of an ensemble; 0 for no such winds.
