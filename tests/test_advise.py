@@ -88,7 +88,8 @@ def test_an_error_that_nothing_keeps_to_is_told(capsys) -> None:
     assert advise(*given, "1e-14") == 2
     told = capsys.readouterr().err
     assert re.search(
-        r"error: 1e-14 cannot be measured, as the error of .* is [\d.]+e-\d+: give", told
+        r"error: 1e-14 cannot be measured, as the error of the reference run is [\d.]+e-\d+: give",
+        told,
     )
     assert advise(*given, "1e-3", "--budget", "1e-6") == 2
     assert "error: no step keeps the error to 0.001 over 0.1 days" in capsys.readouterr().err

@@ -235,11 +235,13 @@ def test_a_mistake_gets_one_line_and_status_2(swe, tmp_path, line):
     assert [path.name for path in tmp_path.iterdir()] == ["damaged.nc"]
 
 
-@pytest.mark.parametrize("command", ["verify --quick", "stress --quick"])
-def test_a_page_of_somebody_else_is_not_replaced(swe, tmp_path, command):
+@pytest.mark.parametrize(
+    ("command", "page"), [("verify --quick", "verification"), ("stress --quick", "stability")]
+)
+def test_a_page_of_somebody_else_is_not_replaced(swe, tmp_path, command, page):
     (tmp_path / "page.md").write_text("# Mine\n")
     status, out, err = swe(*command.split(), "--out", "page.md")
-    assert (status, out) == (2, "") and "page.md is no " in err
+    assert (status, out) == (2, "") and f"page.md is no {page} page" in err
     assert (tmp_path / "page.md").read_text() == "# Mine\n"
 
 

@@ -95,12 +95,23 @@ def test_rules_are_fitted_to_three_meshes_and_checked_on_the_finest(tmp_path) ->
     sweeps = power_law(8, 16, 32) | {"coarse": place(20.0, ("rk4", 1.0, 1.0, 1e-5),
                                                      ("bdf2", 9.0, 99.0, 1e-5), ne=4)}  # fmt: skip
     sweeps["coarse"].attrs |= {"created": "2026-01-02", "machine": "here", "cores": 1}
-    page = write_map(sweeps, tmp_path, recipe=Recipe("a map", ({},) * 8))
+    there, recipe = power_law(8), Recipe("a map", ({},) * 8)
+    for each in there.values():
+        each.attrs |= {"machine": "a far one", "cores": 7}
+    page = write_map(sweeps, tmp_path, recipe=recipe, elsewhere=there, findings="* Found.\n")
     text = page.read_text()
     row = re.search(r"^\| williamson5, np4, scene.speed=20 \| 32, explicit \|(.*)", text, re.M)
     assert [each.strip() for each in row[1].split("|")] == ["–", "–", "0.38 (0.38)", ""]
     assert "ne 12, 0.050, 0.012 |" in text and "ne 6.0, 0.025, 0.0059 |" in text
-    assert "7 of the 8 sweeps of the recipe" in text
+    assert "7 of the 8 sweeps of the recipe" in text and "\n* Found.\n" in text
+    beside = text.partition("on a far one, 7 cores")[2]
+    row = re.search(
+        r"^\| williamson5, np4, scene.speed=20 \| 8 \|.*\| (\S+) \((\S+)\) \|$", beside, re.M
+    )
+    assert row[1] == row[2] == "1.5"
+    steps, best = pd.read_csv(tmp_path / "steps.csv"), best_steps(sweeps)
+    assert list(steps["stepper"]) == list(best["stepper"])
+    assert list(steps["cost"]) == pytest.approx(list(best["cost"]), rel=1e-5)
     assert {path.name for path in tmp_path.glob("*.svg")} == {
         *re.findall(r"!\[[^]]*\]\(([^)]*)\)", text)
     }
