@@ -114,31 +114,31 @@ def _hessenberg(product: Product, basis: NDArray[np.float32]) -> Array:
 def _scaled_product(
     model: DiscreteScene, state: wp.array, operator: Operator, quadratic: bool
 ) -> Product:
-    """Return d -> J d with depth as h sqrt(g/H), H its mean: waves have equal wind and depth.
+    """Return the function d -> J d, with depth scaled to the size of the wind in gravity waves.
 
-    Each of several ranks computes its own nodes, and receives the whole product, in an array that
-    the next product overwrites.
+    The scaled depth is h sqrt(g/H), H the mean depth. Each of several ranks computes its own nodes
+    and receives the whole product, in an array that the next product overwrites.
     """
     mesh = model.device_mesh
     fluid, heights, factor = state[: model.fluid_size], slice(-mesh.size, None), 1.0
     base = fluid.numpy().astype(np.float64)
     if model.scene.wind is None:  # otherwise the depth is the only field
-        mean = np.average(mesh.collect(fluid[-mesh.size :]), weights=model.mesh.area)
+        mean = np.average(mesh.collect(fluid[heights]), weights=model.mesh.area)
         factor = float(np.sqrt(mean / model.scene.planet.gravity))
     largest = max(np.abs(base[: -mesh.size]).max(initial=0.0), np.abs(base[heights]).max() / factor)
     size = mesh.comm.of_each(largest).max() or 1.0
     size *= 1.0 if quadratic else np.cbrt(np.finfo(mesh.numpy_real).eps)
     moved, plus, minus = (model.zeros(model.fluid_size) for _ in range(3))
-    way, room = np.empty(base.size), np.empty(base.size)
+    shift, room = np.empty(base.size), np.empty(base.size)
 
     def tendency(combine: np.ufunc, out: wp.array) -> None:
-        moved.assign(combine(base, way, out=room))
+        moved.assign(combine(base, shift, out=room))
         operator(moved, out)  # always the same array, which recorded launches keep
 
     def product(d: NDArray[np.floating]) -> Array:
         step = size / max(float(d.max()), -float(d.min()), np.finfo(float).tiny)
-        np.multiply(mesh.restrict(d), step, out=way, dtype=np.float64)
-        way[heights] *= factor
+        np.multiply(mesh.restrict(d), step, out=shift, dtype=np.float64)
+        shift[heights] *= factor
         tendency(np.add, plus)
         tendency(np.subtract, minus)
         np.subtract(plus.numpy(), minus.numpy(), out=room, dtype=np.float64)

@@ -220,20 +220,20 @@ class ConjugateGradients(KrylovSolver):
         and s = A d.
         """
         space, r, s, w, curvature = self.space, self._residual, self._product, self._image, 0.0
-        preconditioned, noise = p.precondition is not None, NOISE * p.terms
+        precondition, noise = p.precondition, NOISE * p.terms
         space.clear(self._direction)
         space.clear(s)
         while p.residual > goal and p.iterations < p.limit:
             check_stop()
-            z = self._preconditioned if preconditioned else r
-            if p.precondition is not None and preconditioned:
-                p.precondition(r, z)
+            z = r if precondition is None else self._preconditioned
+            if precondition is not None:
+                precondition(r, z)
             p.operator(z, w)
             stack = self._stack
             found = space.projections((stack, 3, z), (stack, 3, w), (stack, 2, r), (stack, 1, s))
             sz, rz, wz, sw, rw, ww, sr, rr, ss = map(float, found)
-            if preconditioned and rz <= 0.0 and p.residual < noise:
-                preconditioned = False
+            if precondition is not None and rz <= 0.0 and p.residual < noise:
+                precondition = None
                 continue
             # multiple of d that makes z conjugate to d, and <., A .> of the sum
             keep = -sz / curvature if curvature else 0.0
