@@ -46,6 +46,17 @@ class Setting:
         """As many of no more than dt [s] as fill the days."""
         return math.ceil(self.days * DAY / self.dt - 1e-9)
 
+    @property
+    def step(self) -> float:
+        """Length [s] of the steps that fill the days."""
+        return self.days * DAY / self.steps
+
+    @property
+    def mesh(self) -> tuple[int, int]:
+        """Return ne and np of a resolution such as "ne4 np8"."""
+        ne, np_ = self.resolution.split()
+        return int(ne[2:]), int(np_[2:])
+
 
 @dataclass
 class Measured:
@@ -111,9 +122,9 @@ class Peer:
 
 def request_for(of: Setting, folder: Path) -> dict[str, Any]:
     """What the process of a model is asked for; the fields on its grid are left in the folder."""
-    days, planet = of.days * DAY, get_scene(of.scene).planet
+    planet = get_scene(of.scene).planet
     request: dict[str, Any] = {
-        "scene": of.scene, "stepper": of.stepper, "steps": of.steps, "dt": days / of.steps,
+        "scene": of.scene, "stepper": of.stepper, "steps": of.steps, "dt": of.step,
         "radius": planet.radius, "rotation": planet.rotation, "gravity": planet.gravity,
         "precision": of.precision,
     }  # fmt: skip
@@ -122,8 +133,8 @@ def request_for(of: Setting, folder: Path) -> dict[str, Any]:
         request["truncation"] = int(of.resolution[1:])
         made = initial_fields(of.scene, request["truncation"])
     else:
-        ne, np_ = of.resolution.split()
-        request |= {"ne": int(ne[2:]), "np": int(np_[2:])}
+        ne, np_ = of.mesh
+        request |= {"ne": ne, "np": np_}
         reference = reference_of(of)
         made = {"lat": reference.lat, "lon": reference.lon}
     np.savez(fields, **made)

@@ -57,6 +57,7 @@ for ne in (4, *map(int, sys.argv[3:])):
 """
 """Seconds before the first step, and how much longer the first step takes than the second."""
 MESHES = (30, 60, 120)
+"""Elements along the edge of a cube face in `fine`."""
 
 KEPT = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
 """Environment of all processes."""
@@ -142,8 +143,8 @@ def main(
             [*fine("rk4", "auto"), *fine("semi-implicit", "auto"), *fine("bdf2", "3600")],
         )
 
-    parts = {"start": start, "again": next_ones, "fine": fine_meshes}
-    measure("start_up", parts, sections or [])
+    measured = {"start": start, "again": next_ones, "fine": fine_meshes}
+    measure("start_up", measured, sections or [])
 
 
 if __name__ == "__main__":

@@ -49,7 +49,7 @@ def settings(name: str) -> list[Setting]:
 
 
 def race(name: str, pythons: Mapping[str, str], core: int, rounds: int) -> Section:
-    """All settings of a table in turns, by the models that are there."""
+    """Run all settings of a table in turns, by the models that are installed."""
     found = [Measured(setting) for setting in settings(name)]
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -69,29 +69,22 @@ def race(name: str, pythons: Mapping[str, str], core: int, rounds: int) -> Secti
 
 
 def cores(pythons: Mapping[str, str], rounds: int) -> Section:
-    """The same steps on one core and on all: threads of SHTns, ranks of this model."""
-    every = sorted(os.sched_getaffinity(0))
-    lines = []
+    """Time the same steps on one core and on all: threads of SHTns, ranks of this model."""
+    every = os.sched_getaffinity(0)
+    lines, sets = [], ({max(every)}, every)
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        peers = [start([BESIDE], pythons, {*of}, folder)[0] for of in (every[-1:], every)]
+        peers = [start([BESIDE], pythons, each, folder)[0] for each in sets]
         for peer in peers:
             for each in peer.values():
                 stack.enter_context(each)
-        for of in settings("all-cores"):
-            walls: tuple[list[float], list[float]] = [], []
-            for _ in range(rounds):
-                for many, wall in enumerate(walls):
-                    if of.model == OWN:
-                        wall.append(ranked(of, len(every) if many else 1, folder))
-                    elif BESIDE in peers[many]:
-                        peers[many][BESIDE].run(measured := Measured(of), compare=False)
-                        wall.extend(measured.wall)
-            if all(walls):
-                one, more = map(min, walls)
-                step = f"{of.days * 86400 / of.steps:.0f}"
-                numbers = f"{one:.3g}", f"{more:.3g}", f"{one / more:.2f}"
-                lines.append([of.scene, of.model, of.resolution, of.stepper, step, *numbers])
+        pairs = [*zip(peers, map(len, sets), strict=True)]
+        known = [of for of in settings("all-cores") if of.model == OWN or all(peers)]
+        for of in known:
+            walls = [[wall_time(of, *each, folder) for each in pairs] for _ in range(rounds)]
+            one, more = map(min, zip(*walls, strict=True))
+            numbers = f"{of.step:.0f}", f"{one:.3g}", f"{more:.3g}", f"{one / more:.2f}"
+            lines.append([of.scene, of.model, of.resolution, of.stepper, *numbers])
     many = len(every)
     note = (
         f"Wall times of the steps of one day, the shortest of {rounds} runs in turns: on one core,"
@@ -102,26 +95,32 @@ def cores(pythons: Mapping[str, str], rounds: int) -> Section:
     return Section("One core and all cores", note, columns, lines)
 
 
-def ranked(of: Setting, ranks: int, folder: Path) -> float:
-    """Wall time of the steps of a run of this model on ranks [s]."""
-    (ne, np_), days = of.resolution.split(), of.days
+def wall_time(of: Setting, peers: Mapping[str, Peer], count: int, folder: Path) -> float:
+    """Return the wall time [s] of the steps of a setting: in its peer, or on ranks of this model.
+
+    peers: models in processes with `count` cores.
+    """
+    if of.model != OWN:
+        peers[of.model].run(measured := Measured(of), compare=False)
+        return min(measured.wall)
+    ne, np_ = of.mesh
     command = [
-        sys.executable, "-m", "swe_sphere", "run", of.scene, "--ne", ne[2:], "--np", np_[2:],
-        "--stepper", of.stepper, "--dt", repr(days * 86400 / of.steps), "--days", f"{days:g}",
-        "--ranks", str(ranks), "--out", str(folder / "run.nc"), "--overwrite", "--json",
+        sys.executable, "-m", "swe_sphere", "run", of.scene, "--ne", str(ne), "--np", str(np_),
+        "--stepper", of.stepper, "--dt", repr(of.step), "--days", f"{of.days:g}",
+        "--ranks", str(count), "--out", str(folder / "run.nc"), "--overwrite", "--json",
     ]  # fmt: skip
     told = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     return float(json.loads(told)["wall_seconds"])
 
 
 def start(
-    models: Iterable[str], pythons: Mapping[str, str], of: Set[int], folder: Path
+    models: Iterable[str], pythons: Mapping[str, str], among: Set[int], folder: Path
 ) -> tuple[dict[str, Peer], list[str]]:
-    """The models that can be started, and the names of those that cannot."""
+    """Start models on the cores `among`; return them and the names of those that fail to start."""
     peers, missing = {}, []
     for model in models:
         try:
-            peers[model] = Peer(model, interpreter(model, pythons), of, folder)
+            peers[model] = Peer(model, interpreter(model, pythons), among, folder)
         except OSError as error:
             typer.echo(f"{model} is left out: {error}", err=True)
             missing.append(model)
@@ -136,7 +135,7 @@ def interpreter(model: str, pythons: Mapping[str, str]) -> str:
 def row(m: Measured) -> list[str]:
     """A line of the table."""
     of = m.setting
-    head = [of.model, of.resolution, of.stepper, f"{of.days * 86400 / of.steps:.0f}",
+    head = [of.model, of.resolution, of.stepper, f"{of.step:.0f}",
             of.precision, str(of.steps)]  # fmt: skip
     if m.failure:
         return [*head, m.failure, *[""] * 4]
