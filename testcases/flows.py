@@ -41,14 +41,14 @@ def tilted_latitude(lon: Array, lat: Array, alpha: float) -> Array:
     return sine
 
 
-def solid_body(lon: Array, lat: Array, alpha: float) -> tuple[Array, Array]:
+def solid_body(lon: Array, lat: Array, alpha: float, speed: float = 1.0) -> tuple[Array, Array]:
     """Return the eastward and northward components of c × n at the unit vectors n of points.
 
-    With c = (-sin α, 0, cos α) this is the solid-body wind of unit angular speed on the unit sphere
-    (Williamson et al. 1992, cases 1 and 2). The wind speed is the cosine of the tilted latitude.
+    With c = `speed` (-sin α, 0, cos α) this is the wind of a solid-body rotation (Williamson et al.
+    1992, cases 1 and 2), which is `speed` times the cosine of the tilted latitude.
     """
     east = np.cos(lat) * np.cos(alpha) + np.sin(lat) * np.cos(lon) * np.sin(alpha)
-    return east, -np.sin(lon) * np.sin(alpha) + 0.0 * lat
+    return speed * east, speed * (-np.sin(lon) * np.sin(alpha) + 0.0 * lat)
 
 
 def turned(point: Array, alpha: float, turn: float) -> Array:

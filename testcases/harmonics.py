@@ -184,18 +184,14 @@ class BalancedFlow:
         value, east, north = synthesis(np.stack([height, streamfunction]), lon, lat)
         return -north[1] / self.planet.radius, east[1] / self.planet.radius, value[0]
 
-    def wind(self, lon: Array, lat: Array) -> tuple[Array, Array]:
-        """Return eastward and northward wind [m s-1] at points [rad]."""
-        _, east, north = synthesis(self.streamfunction, lon, lat)
-        return -north / self.planet.radius, east / self.planet.radius
-
     @cached_property
     def height(self) -> Complex:
         """Coefficients of the depth [m], up to a degree beyond which they vanish."""
         degree = len(self.streamfunction) - 1
         grid = GaussGrid(degree + 1 if self.linear else 2 * degree + 1)
         lon, lat = grid.points
-        u, v = self.wind(lon, lat)
+        _, east, north = synthesis(self.streamfunction, lon, lat)
+        u, v = -north / self.planet.radius, east / self.planet.radius
         spin = 2.0 * self.planet.rotation * np.sin(lat)
         if not self.linear:
             n = np.arange(degree + 1)[:, None]
@@ -226,16 +222,12 @@ def random_streamfunction(
         row = draw((n + 1, 2)) @ np.array([1.0, 1.0j])
         row[0] = np.sqrt(2.0) * row[0].real
         found[n, : n + 1] = row
-    wanted = spectrum(np.arange(2.0, degree + 1.0))
+    n = np.arange(2.0, degree + 1.0)
+    wanted = spectrum(n)
     wanted = 0.5 * speed**2 * wanted / wanted.sum()
-    found[2:] *= np.sqrt(wanted / mean_kinetic_energy(found, radius)[2:])[:, None]
+    energy = 0.5 * n * (n + 1.0) / radius**2 * mean_squares(found)[2:]  # the mean of |v|²/2
+    found[2:] *= np.sqrt(wanted / energy)[:, None]
     return found
-
-
-def mean_kinetic_energy(streamfunction: Complex, radius: float) -> Array:
-    """Return the mean of |v|²/2 over the sphere [m2 s-2] by degree; radius: of the planet [m]."""
-    n = np.arange(len(streamfunction))
-    return 0.5 * n * (n + 1) / radius**2 * mean_squares(streamfunction)
 
 
 def mean_squares(coefficients: Complex) -> Array:

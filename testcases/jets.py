@@ -14,6 +14,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases.flows import ZonalJet, build_scene, solid_body, tilted_latitude, wrapped
 from swe_sphere.testcases.harmonics import BalancedFlow, random_streamfunction
+from swe_sphere.testcases.williamson import SPEED
 
 JET = ZonalJet(speed=80.0, south=np.pi / 7.0, north=np.pi / 2.0 - np.pi / 7.0)
 """The jet at 45°N of Galewsky et al. (2004), eq. 2."""
@@ -103,8 +104,6 @@ def relaxed_jet(time: float = 10.0, perturbed: bool = True) -> Scene:
 
 EQUATOR = EARTH.rotation * EARTH.radius
 """Speed of the planet at its equator [m s-1]."""
-SPEED = 2.0 * np.pi * EARTH.radius / (12.0 * DAY)
-"""Wind speed of `lauter` at the equator of the flow, in the inertial frame [m s-1]."""
 BOTTOM = 10.0
 """The constant k2 in g b of `bottom` [m2 s-2]."""
 
@@ -128,11 +127,10 @@ def lauter(alpha: float = np.pi / 4.0) -> Scene:
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
         fixed = lon + EARTH.rotation * t
-        east, north = solid_body(fixed, lat, alpha)
         turning = EQUATOR * np.sin(lat)
         total = SPEED * tilted_latitude(fixed, lat, alpha) + turning
         surface = (133681.0 + 0.5 * turning**2 - 0.5 * total**2) / EARTH.gravity
-        return SPEED * east, SPEED * north, surface - bottom(lon, lat)
+        return *solid_body(fixed, lat, alpha, SPEED), surface - bottom(lon, lat)
 
     return build_scene(
         "lauter", effects=(*DYNAMICS, Rotation(), Orography()), exact=exact, bottom=bottom

@@ -120,8 +120,7 @@ def modons() -> Scene:
     """
 
     def burst(lon: Array, lat: Array, centre: float) -> Array:
-        bump: Array = np.exp(-((EARTH.radius * distance(lon, lat, centre, 0.0) / 750e3) ** 2))
-        return bump
+        return np.exp(-((EARTH.radius * distance(lon, lat, centre, 0.0) / 750e3) ** 2))
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
         speed = 50.0 * (burst(lon, lat, 0.5 * np.pi) - burst(lon, lat, 1.5 * np.pi))

@@ -105,8 +105,7 @@ def _rolled_front(point: Array, centre: Array, t: float) -> Array:
     sine = point @ centre
     longitude = np.arctan2(point @ east, -(point @ north))
     rho = 3.0 * np.sqrt(np.maximum(1.0 - sine**2, 0.0))
-    front: Array = 1.0 - np.tanh(0.2 * rho * np.sin(longitude - _vortex_speed(sine) * t))
-    return front
+    return 1.0 - np.tanh(0.2 * rho * np.sin(longitude - _vortex_speed(sine) * t))
 
 
 def _cells(strength: float, north: float, k: float, power: int) -> Wind:
@@ -151,8 +150,7 @@ def _tracers(centres: Centres) -> dict[str, Scalar]:
 
     def cosine_bells(lon: Array, lat: Array) -> Array:
         one, other = (np.minimum(2.0 * distance(lon, lat, *centre), 1.0) for centre in centres)
-        bells: Array = 0.1 + 0.45 * (2.0 + np.cos(np.pi * one) + np.cos(np.pi * other))
-        return bells
+        return 0.1 + 0.45 * (2.0 + np.cos(np.pi * one) + np.cos(np.pi * other))
 
     def correlated(lon: Array, lat: Array) -> Array:
         return -0.8 * cosine_bells(lon, lat) ** 2 + 0.9

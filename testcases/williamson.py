@@ -7,7 +7,7 @@ Bates (1989) is added.
 import numpy as np
 
 from swe_sphere.equations.effects import DYNAMICS, Forcing, Orography, PrescribedWind, Rotation
-from swe_sphere.equations.scene import Array, Scene, UnsteadyState, Wind
+from swe_sphere.equations.scene import Array, Scene, UnsteadyState
 from swe_sphere.mesh.sphere import angle, position
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases.flows import (
@@ -49,12 +49,19 @@ def williamson1(alpha: float = 0.0, gaussian: bool = False) -> Scene:
         gaussian: use the smooth bell 1000 m exp(-5 |n - n0|²) of TrixiAtmo, with unit vectors n and
             n0 (centre), to test orders; the cosine bell has only one continuous derivative.
     """
-    bell = _gaussian_bell if gaussian else _cosine_bell
-    wind = _solid_body_wind(alpha)
+
+    def wind(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
+        return solid_body(lon, lat, alpha, SPEED)
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
         centre = turned(position(1.5 * np.pi, 0.0), alpha, 2.0 * np.pi * t / TURN)
-        return *wind(lon, lat, t), bell(position(lon, lat), centre)
+        point = position(lon, lat)
+        if gaussian:
+            depth = 1000.0 * np.exp(-5.0 * np.sum((point - centre) ** 2, axis=-1))
+        else:
+            within = np.minimum(3.0 * angle(point, centre), 1.0)
+            depth = 500.0 * (1.0 + np.cos(np.pi * within))
+        return *wind(lon, lat, t), depth
 
     return build_scene(
         "williamson1", effects=(PrescribedWind(),), exact=exact, wind=wind, steady_wind=True
@@ -71,12 +78,11 @@ def williamson2(alpha: float = 0.0) -> Scene:
     Args:
         alpha: tilt of the axis of flow and rotation [rad]; 0, 0.05, π/2 - 0.05, π/2 in the paper.
     """
-    wind = _solid_body_wind(alpha)
     fall = (EARTH.radius * EARTH.rotation * SPEED + 0.5 * SPEED**2) / EARTH.gravity
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
         depth = 2.94e4 / EARTH.gravity - fall * tilted_latitude(lon, lat, alpha) ** 2
-        return *wind(lon, lat, t), depth
+        return *solid_body(lon, lat, alpha, SPEED), depth
 
     return _steady(2, exact, alpha)
 
@@ -165,52 +171,25 @@ def williamson6(perturbation: float = 0.0, omega: float = 7.848e-6, depth: float
     """
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        u, v, h = _rossby_haurwitz(lon, lat, omega, depth)
+        r, a, k, turn = 4, EARTH.radius, omega, EARTH.rotation
+        c, s = np.cos(lat), np.sin(lat)
+        u = a * k * (c + c ** (r - 1) * (r * s**2 - c**2) * np.cos(r * lon))
+        v = -a * k * r * c ** (r - 1) * s * np.sin(r * lon)
+        # the factor c⁻² of the paper is cancelled, so that all terms are finite at the poles
+        zonal = 0.5 * k * (2.0 * turn + k) * c**2 + 0.25 * k**2 * c ** (2 * r - 2) * (
+            (r + 1) * c**4 + (2 * r**2 - r - 2) * c**2 - 2 * r**2
+        )
+        once = 2.0 * (turn + k) * k / ((r + 1) * (r + 2)) * c**r
+        once = once * ((r**2 + 2 * r + 2) - (r + 1) ** 2 * c**2)
+        twice = 0.25 * k**2 * c ** (2 * r) * ((r + 1) * c**2 - (r + 2))
+        wave = zonal + once * np.cos(r * lon) + twice * np.cos(2 * r * lon)
+        h = depth + a**2 * wave / EARTH.gravity
         waves = (np.cos(lat) ** m * np.cos(m * lon + m) for m in (1, 2, 3))
         return u, v, h + perturbation / 3.0 * sum(waves) if perturbation else h
 
     return build_scene(
         "williamson6", effects=(*DYNAMICS, Rotation()), initial=initial, sheds_waves=True
     )
-
-
-def _rossby_haurwitz(lon: Array, lat: Array, k: float, depth: float) -> tuple[Array, Array, Array]:
-    """Return wind [m s-1] and depth [m] of the wave of case 6, R = 4, ω = K = k [s-1]."""
-    r, a, omega = 4, EARTH.radius, EARTH.rotation
-    c, s = np.cos(lat), np.sin(lat)
-    u = a * k * (c + c ** (r - 1) * (r * s**2 - c**2) * np.cos(r * lon))
-    v = -a * k * r * c ** (r - 1) * s * np.sin(r * lon)
-    # the factor c⁻² of the paper is cancelled, so that all terms are finite at the poles
-    zonal = 0.5 * k * (2.0 * omega + k) * c**2 + 0.25 * k**2 * c ** (2 * r - 2) * (
-        (r + 1) * c**4 + (2 * r**2 - r - 2) * c**2 - 2 * r**2
-    )
-    once = 2.0 * (omega + k) * k / ((r + 1) * (r + 2)) * c**r
-    once = once * ((r**2 + 2 * r + 2) - (r + 1) ** 2 * c**2)
-    twice = 0.25 * k**2 * c ** (2 * r) * ((r + 1) * c**2 - (r + 2))
-    wave = zonal + once * np.cos(r * lon) + twice * np.cos(2 * r * lon)
-    return u, v, depth + a**2 * wave / EARTH.gravity
-
-
-def _solid_body_wind(alpha: float) -> Wind:
-    """Return the wind of a solid-body rotation in 12 days about the axis tilted by alpha [rad]."""
-
-    def wind(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
-        east, north = solid_body(lon, lat, alpha)
-        return SPEED * east, SPEED * north
-
-    return wind
-
-
-def _cosine_bell(point: Array, centre: Array) -> Array:
-    """Return the depth [m] at unit vectors (..., 3)."""
-    within = np.minimum(3.0 * angle(point, centre), 1.0)
-    return 500.0 * (1.0 + np.cos(np.pi * within))
-
-
-def _gaussian_bell(point: Array, centre: Array) -> Array:
-    """Return the depth [m] at unit vectors (..., 3)."""
-    depth: Array = 1000.0 * np.exp(-5.0 * np.sum((point - centre) ** 2, axis=-1))
-    return depth
 
 
 def williamson4(u0: float = 20.0) -> Scene:
@@ -231,8 +210,7 @@ def williamson4(u0: float = 20.0) -> Scene:
 
     def jet(lat: Array) -> Array:
         """Return ū [m s-1]."""
-        wind: Array = u0 * np.sin(2.0 * lat) ** 14
-        return wind
+        return u0 * np.sin(2.0 * lat) ** 14
 
     drop = zonal_balance(jet)
 

@@ -101,12 +101,10 @@ def driven(alpha: float = np.pi / 4.0) -> Scene:
     speed, drop, doubling = 40.0, 1000.0, 5.0 * DAY
 
     def exact(lon: Array, lat: Array, t: float) -> State:
-        east, north = solid_body(lon, lat, alpha)
-        return speed * east, speed * north, first(lon, lat) * (1.0 + t / doubling)
+        return *solid_body(lon, lat, alpha, speed), first(lon, lat) * (1.0 + t / doubling)
 
     def first(lon: Array, lat: Array) -> Array:
-        depth: Array = 3000.0 - drop * tilted_latitude(lon, lat, alpha) ** 2
-        return depth
+        return 3000.0 - drop * tilted_latitude(lon, lat, alpha) ** 2
 
     def forcing(lon: Array, lat: Array, t: float) -> State:
         pull = speed**2 - 2.0 * EARTH.gravity * drop * (1.0 + t / doubling)
