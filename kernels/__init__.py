@@ -3,6 +3,5 @@
 from swe_sphere.kernels.define import Register, lanes_of, specialise
 from swe_sphere.kernels.local import tendency_kernels
 from swe_sphere.kernels.terms import Terms
-from swe_sphere.kernels.vectors import combine_kernel
 
-__all__ = ["Register", "Terms", "combine_kernel", "lanes_of", "specialise", "tendency_kernels"]
+__all__ = ["Register", "Terms", "lanes_of", "specialise", "tendency_kernels"]

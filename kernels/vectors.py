@@ -3,11 +3,9 @@
 All vectors have shape (n,), with one thread per number unless stated otherwise.
 """
 
-from typing import Any
-
 import warp as wp
 
-from swe_sphere.kernels.define import kernel, real, specialise, vector
+from swe_sphere.kernels.define import kernel, real, vector
 from swe_sphere.kernels.simd.memory import load, put
 
 numbers = wp.array(dtype=wp.float64)
@@ -42,17 +40,11 @@ def add_4(
     put(out, i, r + cc * load(c, i) + cd * load(d, i))
 
 
-AT_ONCE = 4
-"""Largest number of vectors that one kernel adds."""
+ADDERS = {1: add_1, 2: add_2, 3: add_3, 4: add_4}
+"""Kernels (x, vector, factor, ..., out) by the number of vectors: out = x + the sum of the vectors.
 
-
-def combine_kernel(real: Any, count: int) -> wp.Kernel:
-    """Return the kernel (x, vector, factor, ..., out): out = x + the sum of 1 to 4 scaled vectors.
-
-    There is one kernel for each count: a loop over rows takes four times as long on a CPU. `out`
-    may be `x`.
-    """
-    return specialise((add_1, add_2, add_3, add_4)[count - 1], real)
+A loop over rows takes four times as long on a CPU. `out` may be `x`.
+"""
 
 
 @kernel

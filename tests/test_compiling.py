@@ -13,7 +13,8 @@ import warp as wp
 from swe_sphere import compiling
 from swe_sphere.cli.main import main
 from swe_sphere.compiling import COMPILING
-from swe_sphere.kernels import combine_kernel
+from swe_sphere.kernels import specialise
+from swe_sphere.kernels.vectors import ADDERS
 from swe_sphere.operators.launch import TEMPLATES, Launcher, keep_headers, warp_internals
 
 
@@ -121,7 +122,7 @@ def test_another_warp_is_left_as_it_is(monkeypatch, tmp_path, owner, name, metho
         keep_headers()
         assert not [*tmp_path.iterdir()]
         assert context.runtime.__dict__.get("get_clang_pch_dir") is kept
-        kernel = combine_kernel(wp.float64, 1)
+        kernel = specialise(ADDERS[1], wp.float64)
         assert not Launcher("cpu")._cached(kernel.module).exists()
         (tmp_path / kernel.module.get_module_identifier(1)).mkdir()
         assert Launcher("cpu")._cached(kernel.module).exists()

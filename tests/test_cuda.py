@@ -24,7 +24,6 @@ from swe_sphere.kernels import (
     Terms,
     assembly,
     coarse,
-    combine_kernel,
     damping,
     helmholtz,
     limiter,
@@ -40,7 +39,7 @@ from swe_sphere.kernels.local import field_kernel
 from swe_sphere.kernels.pointwise import NO_POINTWISE, PointTerm, Pointwise
 from swe_sphere.kernels.simd import memory
 from swe_sphere.kernels.terms import KernelTypes
-from swe_sphere.kernels.vectors import leapfrog
+from swe_sphere.kernels.vectors import ADDERS, leapfrog
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import get_stepper
 from swe_sphere.testcases import get_scene
@@ -95,7 +94,7 @@ def kernels(real: type) -> list[wp.Kernel]:
         assembled(3, Pointwise(True, False, terms(True), True)),
         specialise(assembly_kernels(3, Pointwise(terms=terms()))[1], real),
         assembled(1, Pointwise(forcing=True, terms=terms()[1:])),
-        combine_kernel(real, 4),
+        specialise(ADDERS[4], real),
         specialise(leapfrog, real),
         restrict,
         prolong,

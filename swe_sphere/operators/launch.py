@@ -19,7 +19,7 @@ from swe_sphere.compiling import compiling
 from swe_sphere.errors import ConfigError, NotCopyable
 from swe_sphere.kernels.define import Register, specialise
 from swe_sphere.kernels.simd.shared_lines import block_threads
-from swe_sphere.kernels.vectors import AT_ONCE, combine_kernel
+from swe_sphere.kernels.vectors import ADDERS
 from swe_sphere.ranks.communicator import Communicator
 
 REMEMBERED = 512
@@ -86,7 +86,7 @@ class Launcher(NotCopyable):
         self._block_dim = 1 if wp.get_device(device).is_cpu else block_threads(nodes)
         # with the arguments, so that no new array or structure reuses a stored address
         self._commands: dict[tuple[object, ...], tuple[Any, tuple[Any, ...]]] = {}
-        self._combinations: dict[tuple[Any, int], wp.Kernel] = {}
+        self._adder = functools.cache(lambda real, count: self.compile(real, ADDERS[count])[0])
 
     def load(self, *kernels: Any) -> None:
         """Compile the kernels for the device, or load them from Warp's cache."""
@@ -151,13 +151,9 @@ class Launcher(NotCopyable):
         """Set out = x + the sum of vectors, each followed by its factor; out may be x."""
         if not terms:
             wp.copy(out, x)
-        for first in range(0, len(terms), 2 * AT_ONCE):
-            part = terms[first : first + 2 * AT_ONCE]
-            kind = out.dtype, len(part) // 2
-            if kind not in self._combinations:
-                self._combinations[kind] = combine_kernel(*kind)
-                self.load(self._combinations[kind])
-            self(self._combinations[kind], out.size, x, *part, out)
+        for first in range(0, len(terms), 2 * len(ADDERS)):
+            part = terms[first : first + 2 * len(ADDERS)]
+            self(self._adder(out.dtype, len(part) // 2), out.size, x, *part, out)
             x = out
 
     def forget(self) -> None:
@@ -218,11 +214,11 @@ def _identity(argument: Any) -> object:
 
 def in_runs(
     launch: Launcher, kernel: Any, real: Any, lanes: int, *spans: Span
-) -> list[Callable[..., None]]:
-    """Return functions that together launch a kernel over all numbers in the spans.
+) -> Callable[..., None]:
+    """Return a function that launches a kernel over all numbers in the spans.
 
     A thread processes `lanes` numbers of type `real`, or one in the remainder of a span. The first
-    argument of the kernel is its first number; the functions accept the other arguments.
+    argument of the kernel is its first number; the function accepts the other arguments.
     """
     runs = []
     for span in spans:
@@ -232,7 +228,12 @@ def in_runs(
                 made = specialise(kernel, Register(real, n)), (b - a) // n, a
                 runs.append(functools.partial(launch, *made, cuts=span.cut(a, b, n)))
     launch.load(*(run.args[0] for run in runs))
-    return [*runs]
+
+    def launch_all(*arguments: Any) -> None:
+        for run in runs:
+            run(*arguments)
+
+    return launch_all
 
 
 def find_device(name: str, local: int = 0) -> str:

@@ -49,8 +49,8 @@ class EdgePenaltyOperator:
         self._given["derivative"] = mesh.upload(np.ascontiguousarray(mesh.mesh.derivative.T))
         self._stages: dict[Any, tuple[Any, Any]] = {}
         run = launch, assemble_blocks, mesh.real, mesh.lanes
-        self._mean_sums = in_runs(*run, *mesh.spans(int(np.sum(mesh.part.counts == 1))))
-        self._sums = in_runs(*run, *mesh.spans(mesh.inner if direct else 0))
+        self._sum_means = in_runs(*run, *mesh.spans(int(np.sum(mesh.part.counts == 1))))
+        self._sum = in_runs(*run, *mesh.spans(mesh.inner if direct else 0))
 
     def __call__(self, x: wp.array, factor: float, out: wp.array, start: wp.array) -> None:
         """Set the wind of `out` to start's wind plus `factor` [s] times the penalty of x's wind.
@@ -64,13 +64,12 @@ class EdgePenaltyOperator:
         mesh.sweep(self._launch, jumps)(
             self._derivatives, threads, 0, self._geometry, x, x, 0, 1, jumps.values, x
         )
-        for launch in self._mean_sums:
-            launch(mesh.places(2), self._mean_scale, *shape, jumps.flat, mesh.stage, means)
+        places = mesh.places(2)
+        self._sum_means(places, self._mean_scale, *shape, jumps.flat, mesh.stage, means)
         mesh.sweep(self._launch, weak)(
             self._weak_form, threads, 0, geometry, means, means, 0, 1, weak.values, out
         )
-        for launch in self._sums:
-            launch(mesh.places(2), mesh.inverse_area, *shape, weak.flat, stage, out)
+        self._sum(places, mesh.inverse_area, *shape, weak.flat, stage, out)
 
     def _stage_of(self, factor: float, out: wp.array, start: wp.array) -> tuple[Any, Any]:
         """Return the stage that writes `out` and its geometry, the same objects each time."""

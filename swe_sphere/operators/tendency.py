@@ -43,7 +43,7 @@ class TendencyOperator:
         self._turned = self.geometry.base if terms.poisson else None
         self.local, self._places = mesh.scratch(unknowns, types.value), mesh.places(unknowns)
         lanes, begin = (mesh.lanes, mesh.inner) if direct else (1, 0)
-        self._sums = in_runs(launch, assembly, mesh.real, lanes, *mesh.spans(begin))
+        self._assemble = in_runs(launch, assembly, mesh.real, lanes, *mesh.spans(begin))
         """Launches of DSS at the nodes that the kernel over elements has not finished."""
         self.kernels = [self._kernel, specialise(assembly, mesh.real), *self._fluxes]
         """The kernels with one node or one group of elements per thread."""
@@ -57,11 +57,10 @@ class TendencyOperator:
         arguments = self.geometry, x, local.values, out
         mesh.sweep(launch, local)(self._kernel, mesh.threads(), 0, *arguments)
         wind = x if self._turned is None else self._turned
-        for assemble in self._sums:
-            assemble(
-                self._places, mesh.inverse_area, mesh.lanes, mesh.size, local.flat, self._own, wind,
-                self._stage, out,
-            )  # fmt: skip
+        self._assemble(
+            self._places, mesh.inverse_area, mesh.lanes, mesh.size, local.flat, self._own, wind,
+            self._stage, out,
+        )  # fmt: skip
 
 
 def pointwise_operator(

@@ -28,7 +28,7 @@ class TracerTransport:
         self._kernel, self._tangent = (
             field_kernel(types, transport(tangent)) for tangent in (False, True)
         )
-        self._sums = in_runs(launch, assemble_blocks, mesh.real, mesh.lanes, *mesh.spans())
+        self._assemble = in_runs(launch, assemble_blocks, mesh.real, mesh.lanes, *mesh.spans())
         self._geometry = mesh.geometry(types.geometry)
         self._local, self._places = mesh.scratch(count, types.value), mesh.places(count)
         launch.load(self._kernel)
@@ -47,8 +47,7 @@ class TracerTransport:
         arguments = self._geometry, wind, x, first, count, local.values, x
         mesh.sweep(self._launch, local)(kernel, mesh.threads(count), 0, *arguments)
         numbers = mesh.lanes, mesh.size, count, to
-        for assemble in self._sums:
-            assemble(self._places, mesh.inverse_area, *numbers, local.flat, stage, out)
+        self._assemble(self._places, mesh.inverse_area, *numbers, local.flat, stage, out)
 
     def tangent(self, base: wp.array, x: wp.array, first: int, out: wp.array) -> None:
         """Set out[first:] = -div(m' V + m V') for (V, m) of the state `base` and (V', m') of x."""
@@ -108,11 +107,11 @@ class Limiter:
         self._inside, self._sums, self._parts = launch.compile(
             types, limit_elements, sum_rooms, fill_rooms
         )
-        self._limits = in_runs(launch, limit_sphere, *run)
+        self._fill = in_runs(launch, limit_sphere, *run)
         self._geometry = mesh.geometry(types.geometry)
         self._local = mesh.scratch(self._count, types.value)
         self._places = mesh.places(self._count)
-        self._additions = in_runs(launch, assemble_blocks, *run)
+        self._add = in_runs(launch, assemble_blocks, *run)
         self._added: dict[int, Any] = {}
         """Stages that add to a state, by its address."""
         area = mesh.restrict(mesh.mesh.area)
@@ -141,11 +140,10 @@ class Limiter:
         if (added := self._added.get(state.ptr)) is None:
             added = self._added[state.ptr] = stage_struct(mesh.real)()
             added.on, added.start, added.tau = True, state, 1.0
-        for add in self._additions:
-            add(
-                self._places, mesh.inverse_area, mesh.lanes, size, self._count, first,
-                self._local.flat, added, state,
-            )  # fmt: skip
+        self._add(
+            self._places, mesh.inverse_area, mesh.lanes, size, self._count, first,
+            self._local.flat, added, state,
+        )  # fmt: skip
         self._limit_sphere(state)
 
     def _limit_sphere(self, state: wp.array) -> None:
@@ -161,9 +159,7 @@ class Limiter:
             self._everything.assign(chunks.total(3 * self._count).reshape(1, -1, 3))
         blocks = self._everything.shape[0]
         self._launch(self._parts, self._count, self._everything, blocks, self._part)
-        arguments = *self._offsets, size, self._count, *self._bounds, self._part, state
-        for limit in self._limits:
-            limit(*arguments)
+        self._fill(*self._offsets, size, self._count, *self._bounds, self._part, state)
 
 
 class Crossings:

@@ -64,10 +64,9 @@ class Passes:
         self._direct, lanes = direct, mesh.lanes if direct else 1
         depth, wind, kind = run_kernels(terms.unknowns, point, damped)
         span = self._real, lanes, *mesh.spans(mesh.inner if direct else 0)
-        self._depth_sums = in_runs(model.launch, depth, *span)
-        self._wind_sums = []
+        self._sum_depth = in_runs(model.launch, depth, *span)
         if self._moves:
-            self._wind_sums = in_runs(model.launch, wind, *span)
+            self._sum_wind = in_runs(model.launch, wind, *span)
         kind = specialise(kind, self._real)
         parameters["point"] = fill(kind.vars["point"].type, parameters, point)
         self._node_geometry = mesh.geometry(kind, parameters)
@@ -123,11 +122,10 @@ class Passes:
                 self._transport, mesh.threads(self._masses), 0, self._geometry, wind, self.carried,
                 self._first * size, self._masses, local.values, step if self._direct else out,
             )  # fmt: skip
-        for sum_depth in self._depth_sums:
-            sum_depth(
-                self._node_geometry, mesh.places(self._masses), mesh.lanes, self._masses,
-                self._local_depth.flat, step,
-            )  # fmt: skip
+        self._sum_depth(
+            self._node_geometry, mesh.places(self._masses), mesh.lanes, self._masses,
+            self._local_depth.flat, step,
+        )  # fmt: skip
 
     def step_wind(self, tau: float, levels: Levels, out: wp.array, turns: Any) -> None:
         """Set out = now + tau (rate of the wind at `pushed`), at the time of the last depth step.
@@ -144,8 +142,7 @@ class Passes:
                 self._force, mesh.threads(), 0, self._force_geometry, self.pushed, local.values,
                 done,
             )  # fmt: skip
-        for sum_wind in self._wind_sums:
-            sum_wind(self._node_geometry, mesh.places(2), mesh.lanes, self._local_wind.flat, step)
+        self._sum_wind(self._node_geometry, mesh.places(2), mesh.lanes, self._local_wind.flat, step)
 
     def _step_of(self, tau: float, levels: Levels, out: wp.array, weights: Any, mixes: Any) -> Any:
         """Return the arguments of kernels of a pass; equal arguments give the same object."""

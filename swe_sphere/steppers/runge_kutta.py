@@ -63,8 +63,7 @@ class RungeKutta(Stepper):
         size, fields = self.model.device_mesh.size, len(self.model.names)
         for terms, start, rhs, point, offset, level in self._stages:
             if terms is not None:  # start = x + sum_k w_k (level_k - x)
-                for mixed in self._mix:
-                    mixed(size, fields, self.state, *terms, start)
+                self._mix(size, fields, self.state, *terms, start)
             rhs(point, self.time + offset, level)
 
     @classmethod

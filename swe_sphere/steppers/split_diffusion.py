@@ -78,7 +78,7 @@ class Diffusion:
         self._changes = model.zeros(), model.zeros()
         mesh = model.device_mesh
         run = mesh.real, mesh.lanes, Span(0, model.size)
-        self._combinations = in_runs(model.launch, diffusive_stage, *run)
+        self._combine = in_runs(model.launch, diffusive_stage, *run)
         self._replay = Replay(model.launch)
 
     def act(self, state: wp.array) -> None:
@@ -110,14 +110,12 @@ class Diffusion:
         *stages, end = self.stages
         for mu, nu, a, b in stages:
             c = held * (a + b)
-            for combine in self._combinations:
-                combine(x, last, mu, before, nu, rate, a, first, b, slope, c, before, stage)
+            self._combine(x, last, mu, before, nu, rate, a, first, b, slope, c, before, stage)
             last, before, rate = before, last, self._rate
             self._model.diffusion(stage, rate)
         mu, nu, a, b = (scale * c for c in end)
         c = held * (a + b)
-        for combine in self._combinations:
-            combine(x, last, mu, before, nu, rate, a, first, b, slope, c, change, y)
+        self._combine(x, last, mu, before, nu, rate, a, first, b, slope, c, change, y)
 
 
 class SplitPenalty:
