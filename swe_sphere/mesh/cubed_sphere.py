@@ -44,8 +44,7 @@ BLOCK = 16
 
 def _lattice(ne: int, np_: int) -> Integers:
     """Return the lattice coordinates (ne, np): [a, i] of node i of element a along an edge."""
-    lattice: Integers = np.arange(ne)[:, None] * (np_ - 1) + np.arange(np_)
-    return lattice
+    return np.arange(ne)[:, None] * (np_ - 1) + np.arange(np_)
 
 
 def lattice_tangents(ne: int, points: Array) -> Array:

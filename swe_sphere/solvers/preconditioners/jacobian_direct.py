@@ -73,8 +73,7 @@ class JacobianDirect(KeptSetup):
 
     def _collected(self, state: wp.array) -> Array:
         """Return wind and depth (3N,) of the whole mesh."""
-        fluid: Array = self._model.device_mesh.collect(state[: self._model.fluid_size])
-        return fluid
+        return self._model.device_mesh.collect(state[: self._model.fluid_size])
 
     def _place(self, fluid: Array, state: wp.array) -> None:
         """Store wind and depth at the front of a state."""
