@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from swe_sphere.equations.effects import DYNAMICS, Rotation
 from swe_sphere.equations.scene import Array, Scene, State, UnsteadyState
 from swe_sphere.mesh.sphere import angle, position
 from swe_sphere.planet import EARTH
@@ -19,6 +20,8 @@ from swe_sphere.settings.values import read_toml
 
 SCENES = read_toml(Path(__file__).with_name("scenes.toml"))
 """Title, reference, recommended mesh and recommended run length of each scene, by name."""
+ROTATING = (*DYNAMICS, Rotation())
+"""Effects of a flow on a rotating planet without orography."""
 
 
 def build_scene(name: str, exact: UnsteadyState | None = None, **fields: Any) -> Scene:

@@ -17,11 +17,11 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from swe_sphere.equations.effects import DYNAMICS, Hyperviscosity, Rotation
+from swe_sphere.equations.effects import DYNAMICS, Hyperviscosity
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import EARTH, Planet
-from swe_sphere.testcases.flows import build_scene
+from swe_sphere.testcases.flows import ROTATING, build_scene
 
 Complex = NDArray[np.complex128]
 CHUNK = 4096
@@ -289,7 +289,7 @@ def turbulence(
 
     return build_scene(
         "turbulence",
-        effects=(*DYNAMICS, *((Rotation(),) if rotating else ()), Hyperviscosity(factor=30.0)),
+        effects=(*(ROTATING if rotating else DYNAMICS), Hyperviscosity(factor=30.0)),
         initial=initial,
         planet=planet,
     )

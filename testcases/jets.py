@@ -8,11 +8,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from swe_sphere.equations.effects import DYNAMICS, Hyperviscosity, Orography, Relaxation, Rotation
+from swe_sphere.equations.effects import Hyperviscosity, Orography, Relaxation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, EARTH
-from swe_sphere.testcases.flows import ZonalJet, build_scene, solid_body, tilted_latitude, wrapped
+from swe_sphere.testcases.flows import (
+    ROTATING,
+    ZonalJet,
+    build_scene,
+    solid_body,
+    tilted_latitude,
+    wrapped,
+)
 from swe_sphere.testcases.harmonics import BalancedFlow, random_streamfunction
 from swe_sphere.testcases.williamson import SPEED
 
@@ -59,10 +66,7 @@ def galewsky(
         return u, v, depth + bump(lon, lat) if perturbed else depth
 
     return build_scene(
-        "galewsky",
-        effects=(*DYNAMICS, Rotation()),
-        initial=initial,
-        exact=None if perturbed or seed else flow,
+        "galewsky", effects=ROTATING, initial=initial, exact=None if perturbed or seed else flow
     )
 
 
@@ -96,7 +100,7 @@ def relaxed_jet(time: float = 10.0, perturbed: bool = True) -> Scene:
     steady = galewsky(perturbed=False).initial
     return build_scene(
         "relaxed-jet",
-        effects=(*DYNAMICS, Rotation(), Relaxation(time * DAY), Hyperviscosity(factor=30.0)),
+        effects=(*ROTATING, Relaxation(time * DAY), Hyperviscosity(factor=30.0)),
         initial=galewsky(perturbed).initial,
         equilibrium=lambda lon, lat: steady(lon, lat)[2],
     )
@@ -132,9 +136,7 @@ def lauter(alpha: float = np.pi / 4.0) -> Scene:
         surface = (133681.0 + 0.5 * turning**2 - 0.5 * total**2) / EARTH.gravity
         return *solid_body(fixed, lat, alpha, SPEED), surface - bottom(lon, lat)
 
-    return build_scene(
-        "lauter", effects=(*DYNAMICS, Rotation(), Orography()), exact=exact, bottom=bottom
-    )
+    return build_scene("lauter", effects=(*ROTATING, Orography()), exact=exact, bottom=bottom)
 
 
 def bottom(lon: Array, lat: Array) -> Array:
@@ -185,6 +187,4 @@ def tilted_jet(alpha: float = 0.08, speed: float = 40.0, gaussian: bool = False)
         flow = jet(sine)
         return flow * east - EQUATOR * np.cos(lat), flow * north, depth(sine)
 
-    return build_scene(
-        "tilted-jet", effects=(*DYNAMICS, Rotation(), Orography()), exact=exact, bottom=bottom
-    )
+    return build_scene("tilted-jet", effects=(*ROTATING, Orography()), exact=exact, bottom=bottom)

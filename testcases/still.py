@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from swe_sphere.equations.effects import DYNAMICS, Hyperviscosity, Orography, Rotation
+from swe_sphere.equations.effects import DYNAMICS, Hyperviscosity, Orography
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh.sphere import position
 from swe_sphere.planet import EARTH, Planet
-from swe_sphere.testcases.flows import build_scene, distance
+from swe_sphere.testcases.flows import ROTATING, build_scene, distance
 from swe_sphere.testcases.flows import cone as conical_mountain
 
 CENTRE = (1.5 * np.pi, 0.0)
@@ -33,7 +33,7 @@ def lake_at_rest(cone: bool = True, rotating: bool = True) -> Scene:
 
     return build_scene(
         "lake-at-rest",
-        effects=(*DYNAMICS, *((Rotation(),) if rotating else ()), Orography()),
+        effects=(*(ROTATING if rotating else DYNAMICS), Orography()),
         exact=exact,
         bottom=bottom,
         error_field="surface",
@@ -78,7 +78,7 @@ def gravity_bumps() -> Scene:
         heaps = (np.exp(-w * distance(lon, lat, np.pi * x, np.pi * y) ** 2) for x, y, w in bumps)
         return 0.0 * lon, 0.0 * lat, 1e4 + 1000.0 * sum(heaps, start=0.0 * lat)
 
-    return build_scene("gravity-bumps", effects=(*DYNAMICS, Rotation()), initial=initial)
+    return build_scene("gravity-bumps", effects=ROTATING, initial=initial)
 
 
 def dam_break(width: float = 0.05) -> Scene:

@@ -16,11 +16,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from swe_sphere.equations.effects import DYNAMICS, Effect, Forcing, LinearisedDynamics, Rotation
+from swe_sphere.equations.effects import Effect, Forcing, LinearisedDynamics
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, EARTH, Planet
-from swe_sphere.testcases.flows import at_rest, build_scene
+from swe_sphere.testcases.flows import ROTATING, at_rest, build_scene
 from swe_sphere.testcases.harmonics import Complex, GaussGrid, synthesis
 
 TIDES = {
@@ -37,7 +37,7 @@ The values are those of Arbic et al. (2004) for a rigid Earth.
 
 def _about_rest(depth: float, linear: bool, *more: Effect) -> dict[str, Any]:
     """Return the effects of a scene and, if it is linearised, its base at rest with a depth [m]."""
-    effects = (*DYNAMICS, Rotation(), *more)
+    effects = (*ROTATING, *more)
     if not linear:
         return {"effects": effects}
     return {"effects": (*effects, LinearisedDynamics()), "base": at_rest(depth)}

@@ -6,11 +6,12 @@ Bates (1989) is added.
 
 import numpy as np
 
-from swe_sphere.equations.effects import DYNAMICS, Forcing, Orography, PrescribedWind, Rotation
+from swe_sphere.equations.effects import Forcing, Orography, PrescribedWind
 from swe_sphere.equations.scene import Array, Scene, UnsteadyState
 from swe_sphere.mesh.sphere import angle, position
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases.flows import (
+    ROTATING,
     ZonalJet,
     build_scene,
     cone,
@@ -118,7 +119,7 @@ def _steady(case: int, exact: UnsteadyState, alpha: float) -> Scene:
     """Return the scene of a steady flow about an axis of rotation that is tilted by alpha [rad]."""
     return build_scene(
         f"williamson{case}",
-        effects=(*DYNAMICS, Rotation()),
+        effects=ROTATING,
         exact=exact,
         coriolis=lambda lon, lat: 2.0 * EARTH.rotation * tilted_latitude(lon, lat, alpha),
     )
@@ -147,7 +148,7 @@ def williamson5(speed: float = 20.0) -> Scene:
 
     return build_scene(
         "williamson5",
-        effects=(*DYNAMICS, Rotation(), Orography()),
+        effects=(*ROTATING, Orography()),
         initial=initial,
         bottom=cone,
         error_field="surface",
@@ -187,9 +188,7 @@ def williamson6(perturbation: float = 0.0, omega: float = 7.848e-6, depth: float
         waves = (np.cos(lat) ** m * np.cos(m * lon + m) for m in (1, 2, 3))
         return u, v, h + perturbation / 3.0 * sum(waves) if perturbation else h
 
-    return build_scene(
-        "williamson6", effects=(*DYNAMICS, Rotation()), initial=initial, sheds_waves=True
-    )
+    return build_scene("williamson6", effects=ROTATING, initial=initial, sheds_waves=True)
 
 
 def williamson4(u0: float = 20.0) -> Scene:
@@ -251,9 +250,7 @@ def williamson4(u0: float = 20.0) -> Scene:
         depth = v * (pull + (spin * psi - mean * mean_tan) / a)
         return east, north, depth / EARTH.gravity
 
-    return build_scene(
-        "williamson4", effects=(*DYNAMICS, Rotation(), Forcing()), exact=exact, forcing=forcing
-    )
+    return build_scene("williamson4", effects=(*ROTATING, Forcing()), exact=exact, forcing=forcing)
 
 
 def _low(lon: Array, lat: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
@@ -290,4 +287,4 @@ def mcdonald_bates() -> Scene:
         swell = 2.0 * EARTH.rotation * EARTH.radius * speed * sin**3 * cos * np.sin(lon)
         return u, speed * sin**2 * np.cos(lon), (5.768e4 + swell) / EARTH.gravity
 
-    return build_scene("mcdonald-bates", effects=(*DYNAMICS, Rotation()), initial=initial)
+    return build_scene("mcdonald-bates", effects=ROTATING, initial=initial)

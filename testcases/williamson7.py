@@ -21,13 +21,12 @@ from typing import Any
 
 import numpy as np
 
-from swe_sphere.equations.effects import DYNAMICS, Rotation
 from swe_sphere.equations.scene import Array, Scene, State
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh.sphere import global_spline
 from swe_sphere.planet import EARTH
 from swe_sphere.settings.values import read_toml
-from swe_sphere.testcases.flows import build_scene
+from swe_sphere.testcases.flows import ROTATING, build_scene
 from swe_sphere.testcases.harmonics import (
     BalancedFlow,
     Complex,
@@ -81,7 +80,7 @@ def williamson7(
         "williamson7",
         title=title,
         reference=f"{source}; the case: {PAPER}, case 7",
-        effects=(*DYNAMICS, Rotation()),
+        effects=ROTATING,
         initial=initial,
         parameters={"file": "SYNTHETIC"} if file is None else {},
     )
