@@ -51,14 +51,10 @@ def stepped(
 
     Raises Interrupted if the user asked to stop.
     """
-
-    def work() -> Summary:
-        outcome = sim.advance(observers, time_limit, interruption)
-        if outcome.status == "interrupted":
-            raise Interrupted(outcome.reason)
-        return Summary(outcome.status, in_one_line(outcome.reason or ""))
-
-    return attempt(work)
+    outcome = attempt(lambda: sim.advance(observers, time_limit, interruption))
+    if outcome.status == "interrupted":
+        raise Interrupted(outcome.reason)
+    return Summary(outcome.status, in_one_line(outcome.reason or ""))
 
 
 class Record(BaseModel):

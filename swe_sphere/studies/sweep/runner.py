@@ -36,16 +36,7 @@ from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.summary import Summary
 from swe_sphere.studies.record_store import BREAKDOWNS, Store, as_netcdf, stepped
 from swe_sphere.studies.sweep.record import COUNTS, Errors, RunRecord, current
-from swe_sphere.studies.sweep.runs import (
-    GROWN,
-    GROWTH_OF_FLOW,
-    PERTURBATION,
-    Discretisation,
-    History,
-    Integrator,
-    RunSpec,
-    Study,
-)
+from swe_sphere.studies.sweep.runs import Discretisation, History, Integrator, RunSpec, Study
 
 KEPT = ("u", "v", "h", "vorticity")
 """Fields of a state whose errors are computed."""
@@ -53,6 +44,11 @@ TIMES = ("wall_seconds", "cpu_seconds", "setup_seconds", "compile_seconds", "tot
 """Numbers that the records of parallel runs omit."""
 WARM_STEPS = 2
 """Untimed steps at the start: the second step of a two-step method is its first regular one."""
+PERTURBATION = 1e-7
+"""Size of the noise that must not grow in a trial, relative to the largest value of a field."""
+GROWN, GROWTH_OF_FLOW = 10.0, 0.5
+"""A stable step amplifies the noise by at most the first factor, times e to the second per day,
+because flows are unstable too."""
 
 
 class SweepWatcher:

@@ -64,11 +64,6 @@ PLATEAU = 0.9
 
 TRIAL_STEPS, TRIAL_DAYS = 100, 5.0
 """Least number of steps and of days of a trial of stability; a sweep with more days extends it."""
-PERTURBATION = 1e-7
-"""Size of the noise that must not grow in a trial, relative to the largest value of a field."""
-GROWN, GROWTH_OF_FLOW = 10.0, 0.5
-"""A stable step amplifies the noise by at most the first factor, times e to the second per day,
-because flows are unstable too."""
 
 
 class NoStepError(Exception):

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
@@ -27,6 +27,7 @@ from swe_sphere.simulation.config import (
     or_auto,
 )
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS
+from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS, get_stepper
 from swe_sphere.studies.jobs import MOST_JOBS
 
@@ -65,16 +66,13 @@ def _of_folder(name: str) -> str:
     return name
 
 
-Names = Annotated[tuple[str, ...], BeforeValidator(_listed)]
-Numbers = Annotated[tuple[Spoken, ...], BeforeValidator(_listed)]
+T = TypeVar("T")
+Listed = Annotated[tuple[T, ...], BeforeValidator(_listed)]
 Count = Annotated[SpokenWhole, Field(ge=0, le=MOST_ELEMENTS)]
-Counts = Annotated[tuple[Count, ...], BeforeValidator(_listed)]
 Steps = Annotated[
     Literal["auto"] | tuple[float, ...],
-    or_auto(Annotated[Numbers, Field(min_length=1)], "positive numbers of seconds"),
+    or_auto(Annotated[Listed[Spoken], Field(min_length=1)], "positive numbers of seconds"),
 ]
-Paths = Annotated[tuple[FileName, ...], BeforeValidator(_listed)]
-Precisions = Annotated[tuple[Literal["float64", "float32"], ...], BeforeValidator(_listed)]
 
 
 class SweepPlan(SharedConfig):
@@ -92,19 +90,19 @@ class SweepPlan(SharedConfig):
     """Time steps [s] of every stepper; auto (the default): a sequence for each."""
     levels: Annotated[Whole, Field(ge=1, le=20)] = 6
     """Number of steps in the sequence of auto."""
-    ne: Counts = ()
+    ne: Listed[Count] = ()
     """Elements along an edge of the cube."""
-    np: Counts = ()
+    np: Listed[Count] = ()
     """Nodes along an edge of an element."""
-    precision: Annotated[Precisions, Field(min_length=1)] = ("float64",)
+    precision: Annotated[Listed[Literal["float64", "float32"]], Field(min_length=1)] = ("float64",)
     """float64, float32 or both."""
-    preconditioner: Names = ()
+    preconditioner: Listed[str] = ()
     """Preconditioners of implicit steppers."""
     tolerance: Annotated[Number, Field(ge=0.0, lt=1.0)] | None = None
     """Solver tolerance of implicit steppers."""
     days: Annotated[Days, Field(gt=0.0)] | None = None
     """Length of the runs [days]."""
-    report_days: Numbers = ()
+    report_days: Listed[Spoken] = ()
     """Times at which errors are measured [days], beside the end."""
     repeats: Annotated[Whole, Field(ge=1, le=100)] = 3
     """Minimum number of timed runs of a setting; more while the two shortest differ by over 3 %."""
@@ -116,7 +114,7 @@ class SweepPlan(SharedConfig):
     """Wall time that the steps of a search for an error may take together [s]."""
     find_limit: bool = False
     """Also search for the longest stable step of every stepper, to 2 %."""
-    target_error: Numbers = ()
+    target_error: Listed[Spoken] = ()
     """Search for the longest step with each of these errors instead of running a grid."""
     target_kind: Literal["auto", "time", "total", "slow"] = "auto"
     """Kind of error; auto: total where it is known, otherwise time."""
@@ -124,11 +122,11 @@ class SweepPlan(SharedConfig):
     """Field of the error."""
     target_norm: Literal["l1", "l2", "linf"] = "l2"
     """Norm of the error."""
-    reference: Paths = ()
+    reference: Listed[FileName] = ()
     """Lat-lon reference solution of a report day; repeatable."""
     slow: bool | None = None
     """Compute the slow-flow error; the default is true if the initial state sheds waves."""
-    settings: Names = ()
+    settings: Listed[str] = ()
     """Change an effect or the scene; repeatable."""
     name: Annotated[str, AfterValidator(_of_folder)] = ""
     """Name of its folder in a recipe; empty: the name of the scene."""
@@ -145,8 +143,6 @@ def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> Sweep
     scene: one that replaces the named one. Raises ConfigError for an unknown name or an unfit
     value, in one line that names it.
     """
-    from swe_sphere.solvers.preconditioners import PRECONDITIONERS
-
     plan = validated(SweepPlan, values)
     if plan.budget is not None and not plan.target_error:
         raise ConfigError("budget: only a search uses it: give target-error, or leave it out")
