@@ -170,7 +170,7 @@ def test_a_figure_that_no_sweep_has_made_is_not_replaced(dataset, tmp_path):
     assert MARK in figure.read_text()
     figure.write_text("<svg>mine</svg>")
     with pytest.raises(ConfigError, match=rf"{figure.name} is not of a sweep, and would be"):
-        write_report(dataset, tmp_path, title="another")
+        write_report(dataset, tmp_path, recipe=Recipe("another", ()))
     assert figure.read_text() == "<svg>mine</svg>" and page.read_bytes() == shown
 
 

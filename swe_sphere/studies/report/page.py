@@ -144,37 +144,27 @@ def write_report(
     datasets: Dataset | Mapping[str, Dataset],
     out: str | os.PathLike[str],
     *,
-    title: str = "",
     recipe: Recipe | None = None,
 ) -> Path:
     """Write index.html and its figures (SVG) into a folder.
 
     datasets: what `sweep` returns, or several by name: a section each.
-    title: title of the page; if empty, the title of the recipe, or of the first dataset.
     recipe: recipe of the sweeps; its texts are shown, and README.md is written too.
     Returns the path of index.html.  Raises ConfigError if a dataset is not one of a sweep, and the
     errors of `write_made`.
     """
-    sections = read_sections(datasets)
-    told = recipe.title if recipe else sections[0].dataset.attrs.get("title")
-    values = {
-        "title": title or told or TITLE, "sections": sections, "recipe": recipe,
-        "notes": recipe.notes if recipe else {},
-    }  # fmt: skip
+    sections, notes = read_sections(datasets), recipe.notes if recipe else {}
+    title = recipe.title if recipe else sections[0].dataset.attrs.get("title")
     pictures = [each for of in sections for each in chain(*of.figures, of.others)]
     files = {each.name: each.svg for each in pictures}
-    files["index.html"] = _rendered("report.html.j2", **values)
-    if recipe is not None:
-        files["README.md"] = _rendered("page.md.j2", **values)
+    pages = {"index.html": "report.html.j2"} | ({"README.md": "page.md.j2"} if recipe else {})
+    for name, template in pages.items():
+        files[name] = rendered(
+            "swe_sphere.studies.report", template, _link_rows, _attribute, run_table, notes=notes,
+            title=title or TITLE, sections=sections, recipe=recipe, repeatable=REPEATABLE,
+        )  # fmt: skip
     write_made(Path(out), files)
     return Path(out) / "index.html"
-
-
-def _rendered(template: str, **values: Any) -> str:
-    return rendered(
-        "swe_sphere.studies.report", template, _link_rows, _attribute, run_table,
-        **values, repeatable=REPEATABLE,
-    )  # fmt: skip
 
 
 def _attribute(value: Any) -> str:
