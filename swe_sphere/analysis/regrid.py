@@ -181,13 +181,13 @@ def regrid_file(
         raise ConfigError(f"{path} holds no frame yet")
     wanted = parse_grid(grid)
     at = Interpolator(found.mesh, *wanted.points)
-    if out.suffix not in (".nc", ".zarr"):
+    writers = {".nc": _write_netcdf, ".zarr": _write_zarr}
+    if out.suffix not in writers:
         raise ConfigError(f"cannot write {out}: give a name ending in .nc or .zarr")
     if not out.parent.is_dir():
         raise ConfigError(f"cannot write {out}: there is no folder {out.parent}")
     check_free(out, overwrite)
-    is_zarr = out.suffix == ".zarr"
-    if is_zarr:
+    if out.suffix == ".zarr":
         check_zarr(out)
     with (
         xr.open_dataset(path, engine=engine(path), decode_times=False) as data,
@@ -199,7 +199,7 @@ def regrid_file(
         before = str(data.attrs.get("history", ""))
         chosen.attrs["history"] = history(f"regrid {path.name} --grid {grid}", before)
         with building(out) as part:
-            (_write_zarr if is_zarr else _write_netcdf)(part, _frames(path, chosen, at, wanted))
+            writers[out.suffix](part, _frames(path, chosen, at, wanted))
     return out
 
 

@@ -87,11 +87,10 @@ def animate(
 
 def _against(file: Path, other: str, trust: Iterable[Path]) -> Source | Exact:
     """Return the source to compare with: a file, or the exact solution of the file's scene."""
-    from swe_sphere.io.reference_solution import open_source
+    from swe_sphere.io.reference_solution import Exact, open_source
 
     if other != "exact":
         return open_source(other)
-    from swe_sphere.io.reference_solution import Exact
     from swe_sphere.io.runfile import RunFile, table_in
     from swe_sphere.simulation.build import make_scene
     from swe_sphere.simulation.config import make_config

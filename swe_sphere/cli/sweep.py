@@ -48,7 +48,11 @@ def sweep(
     if out is None:
         raise ConfigError("out: give the folder of the sweep (--out DIR)")
     loaded = None if recipe is None else load_recipe(recipe)
-    plans = [] if report_only else _planned(given(values, SweepPlan), loaded, out)
+    plans: list[tuple[Path, SweepPlan]] = []
+    if not report_only:
+        flags = given(values, SweepPlan)
+        found = loaded.plans(flags) if loaded else [make_plan(flags)]
+        plans = [(out / folder_of(dict(plan)) if loaded else out, plan) for plan in found]
     for name in [REPORT, *([PAGE] if loaded else [])]:
         check_ours(out / name)
     datasets, completed = {}, report_only
@@ -87,15 +91,6 @@ def advise(**values: Any) -> None:
     typer.echo(f"Measured over {advice.days:g} {rest}")
     _show_rankings([advice.ranking])
     typer.echo(f"  {advice.command}")
-
-
-def _planned(
-    flags: Mapping[str, object], recipe: Recipe | None, out: Path
-) -> list[tuple[Path, SweepPlan]]:
-    """Return folders and plans; flags take precedence over the recipe."""
-    if recipe is None:
-        return [(out, make_plan(flags))]
-    return [(out / folder_of(dict(plan)), plan) for plan in recipe.plans(flags)]
 
 
 def _begun(out: Path) -> list[Path]:

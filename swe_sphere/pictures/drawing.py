@@ -65,9 +65,7 @@ def drawable(levels: Array, values: Array) -> Array:
     """
     near = 0.1 * (levels[1] - levels[0])
     inside = levels[(levels > values.min()) & (levels < values.max())]
-    keep = [np.mean(np.abs(values - level) < near) < 0.4 for level in inside]
-    kept: Array = inside[np.array(keep, dtype=bool)]
-    return kept
+    return np.array([x for x in inside if np.mean(np.abs(values - x) < near) < 0.4])
 
 
 class Drawing:

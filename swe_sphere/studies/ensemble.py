@@ -62,7 +62,7 @@ def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], No
         days, before = member.days or scene.days, stored.get("days") or scene.days
         same = stored | apart == member.model_dump(mode="json") | apart
         if same and isinstance(before, int | float) and before <= days:
-            _check_sources(out, found, member, scene)
+            _check_sources(found, member, scene)
             if found.get("completed") and before == days:
                 tell(f"seed {seed}: kept, {out}")
                 return out
@@ -79,16 +79,14 @@ def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], No
     return out
 
 
-def _check_sources(
-    file: Path, found: Mapping[str, object], config: RunConfig, scene: Scene
-) -> None:
+def _check_sources(found: Mapping[str, object], config: RunConfig, scene: Scene) -> None:
     """Raise ConfigError if the code or the user's files of a run have changed since."""
     methods = {"stepper": config.stepper, "preconditioner": config.preconditioner}
     sources = run_sources(config.scene, scene, config.diagnostics, **methods)
     if found.get("code") != code_fingerprint() or table_in(str(found.get("sources"))) != sources:
         raise ConfigError(
-            f"{file} was made by other code, or from files that have been edited since: make the"
-            " members again (--overwrite), or choose another folder"
+            f"{config.out} was made by other code, or from files that have been edited since: make"
+            " the members again (--overwrite), or choose another folder"
         )
 
 
@@ -136,7 +134,6 @@ def write_spread(table: pd.DataFrame, field: str, folder: Path) -> list[Path]:
     draw_panel(figure.subplots(), Panel(title, DAY * table["day"].to_numpy(), curves), None)
     figure.savefig(picture, format="png", dpi=DOTS_PER_INCH, metadata={"Source": MARKS[1]})
     paths = spread_files(field, folder)
-    contents = (table.to_csv(index=False, header=heads, na_rep="nan"), picture.getvalue())
-    for path, whole in zip(paths, contents, strict=True):
-        write_whole(path, whole)
+    write_whole(paths[0], table.to_csv(index=False, header=heads, na_rep="nan"))
+    write_whole(paths[1], picture.getvalue())
     return paths
