@@ -19,6 +19,7 @@ _MODULES = {
     "errors": ("ConfigError",),
     "mesh": ("Mesh",),
     "planet": ("EARTH", "Planet"),
+    "simulation.config": ("Output",),
     "simulation.diagnostics": ("diagnostic",),
     "simulation.observers": ("Observer", "every"),
     "simulation.simulation": ("Simulation",),

@@ -14,6 +14,7 @@ from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import EARTH, Planet
+from swe_sphere.simulation.config import Output
 from swe_sphere.simulation.diagnostics import diagnostic
 from swe_sphere.simulation.observers import Observer, every
 from swe_sphere.simulation.simulation import Simulation
@@ -28,9 +29,10 @@ from swe_sphere.testcases import get_scene, list_scenes
 
 __all__ = [
     "DYNAMICS", "EARTH", "MASSES", "ConfigError", "DiagonallyImplicit", "Effect", "ImexRungeKutta",
-    "Mesh", "Observer", "Orography", "Planet", "PointwiseEffect", "Preconditioner", "Rotation",
-    "RungeKutta", "Scene", "Simulation", "Stepper", "Tracers", "__version__", "diagnostic", "every",
-    "get_scene", "get_stepper", "list_scenes", "list_steppers", "open_run", "sweep", "verify",
+    "Mesh", "Observer", "Orography", "Output", "Planet", "PointwiseEffect", "Preconditioner",
+    "Rotation", "RungeKutta", "Scene", "Simulation", "Stepper", "Tracers", "__version__",
+    "diagnostic", "every", "get_scene", "get_stepper", "list_scenes", "list_steppers", "open_run",
+    "sweep", "verify",
 ]  # fmt: skip
 
 __version__: str

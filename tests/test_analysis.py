@@ -15,7 +15,7 @@ from swe_sphere.analysis.accessor import Analysis, open_run
 from swe_sphere.analysis.regrid import gaussian, lat_lon, parse_grid, regrid_file
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import area_mean, norms
-from swe_sphere.io.layout import frame_dataset
+from swe_sphere.io.layout import frame_dataset, frame_fields
 from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.io.reference_solution import Reference, compare
 from swe_sphere.io.runfile import RunFile
@@ -54,7 +54,9 @@ def mesh():
 
 @pytest.fixture(scope="module")
 def data(mesh):
-    return frame_dataset(mesh, rotation(mesh), 3600.0, {"planet": {"gravity": 10.0}}, {})
+    return frame_dataset(
+        mesh, rotation(mesh), 3600.0, {"planet": {"gravity": 10.0}}, frame_fields()
+    )
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +131,7 @@ def test_a_harmonic_of_the_streamfunction_and_one_of_the_potential(mesh):
     east, north = gradient(mesh, mesh.lon, np.clip(mesh.lat, -1.5706, 1.5706))
     psi, chi = 3e7, 1e7
     fields = rotation(mesh) | {"u": -psi * north + chi * east, "v": psi * east + chi * north}
-    made = frame_dataset(mesh, fields, 0.0, {}, {}).swe
+    made = frame_dataset(mesh, fields, 0.0, {}, frame_fields()).swe
     found = made.spectrum(degree=12).isel(time=0)
     mean = DEGREE * (DEGREE + 1) / mesh.radius**2 / (4.0 * np.pi) / 2.0
     for name, size in (("rotational_energy", psi), ("divergent_energy", chi)):
@@ -172,7 +174,7 @@ def test_potential_vorticity_and_integrals(data, mesh):
 
 def test_errors_against_a_run_on_another_mesh(data, mesh):
     other = Mesh.build(3, 6)
-    theirs = frame_dataset(other, rotation(other), 3600.0, {}, {})
+    theirs = frame_dataset(other, rotation(other), 3600.0, {}, frame_fields())
     assert float(data.swe.error_norms(theirs).linf_wind.item()) < 1e-6
     theirs["h"] *= 1.01
     found = data.swe.error_norms(theirs, ["h"])
@@ -215,7 +217,7 @@ ODD = {"planet": {"gravity": 10.0}, "done": True, "limit": None, "cuts": ["a"], 
 
 
 def test_everything_can_be_saved(mesh, run, tmp_path):
-    state = frame_dataset(mesh, rotation(mesh), 3600.0, ODD, {})
+    state = frame_dataset(mesh, rotation(mesh), 3600.0, ODD, frame_fields())
     for data in (state, open_run(run)):
         for each in (data, data.isel(time=0), data.swe.to_latlon(19, 36), data.swe.spectrum(4)):
             each.to_netcdf(tmp_path / "saved.nc")
@@ -228,7 +230,7 @@ def test_everything_can_be_saved(mesh, run, tmp_path):
 
 
 def test_a_state_in_memory_is_described_as_one_in_a_file(mesh, run):
-    state, file = frame_dataset(mesh, rotation(mesh), 3600.0, ODD, {}), open_run(run)
+    state, file = frame_dataset(mesh, rotation(mesh), 3600.0, ODD, frame_fields()), open_run(run)
     for name in state.variables:
         about = state[name].attrs
         assert about.items() <= file[name].attrs.items() and about["units"], name

@@ -108,7 +108,10 @@ def test_frames_need_not_divide_the_length():
         ((1.0, None, 2 * DAY), "longer than the whole run"),
         ((1.0, None, 1e-200), "more than"),
         ((1.0, 0.4, 3600.0), "fits frames every 0.4 h: change every, or take dt=1440"),
-        ((1.0, 1.0, 3600.0, [3600.5]), "fits frames every 1 h and calls every 1.00014 h"),
+        (
+            (1.0, 1.0, 3600.0, [3600.5]),
+            "fits frames every 1 h and callbacks or files every 1.00014 h",
+        ),
         ((1e-12, None, 1.0), "too short"),
     ],
 )

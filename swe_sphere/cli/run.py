@@ -49,7 +49,7 @@ PROCESS = 100 * 2**20
 """Memory [bytes] of a rank that others do not share, with the smallest mesh."""
 
 
-@with_flags(RunConfig, argument="scene")
+@with_flags(RunConfig, argument="scene", without=("outputs",))
 def run(
     context: typer.Context,
     config: Path | None = option("FILE.toml", "Options by name; flags override them."),
@@ -115,7 +115,8 @@ def _show_summary(summary: Summary, config: RunConfig) -> None:
         from rich.console import Console
         from rich.table import Table
 
-        files = {"frames": config.out, "picture": config.plot}
+        outputs = ", ".join(str(output.path) for output in config.outputs) or None
+        files = {"frames": config.out, "further files": outputs, "picture": config.plot}
         table = Table(show_header=False, title=summary.title)
         for line in (*summary.rows(), *files.items()):
             if line[1] is not None:

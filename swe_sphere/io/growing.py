@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 RECORDS_AT = 4
 """Offset of the number of records [bytes]."""
+MARK = b"\x12@\xfe\x01rec\x02"
+"""A number in a first record that shows where records begin: not always where the file ended."""
 
 SUFFIX = ".zarr"
 """Ending of the names of stores."""
@@ -114,6 +116,8 @@ class GrowingFile(GrowingOutput):
 
         data: without frames; the series are its last variables, full of missing samples.
         """
+        import netCDF4  # slow to import
+
         variables = data.variables.items()
         data.to_netcdf(
             self._part, format="NETCDF3_64BIT", engine="netcdf4", unlimited_dims=["time"],
@@ -122,11 +126,17 @@ class GrowingFile(GrowingOutput):
         self._lengths = {name: math.prod(v.shape[1:]) for name, v in variables if "time" in v.dims}
         self._series = [name for name, v in variables if v.dims == (SERIES,)]
         self._room = data.sizes.get(SERIES, 0)
-        self._first = os.fstat(self._descriptor).st_size  # offset of the first record
+        with netCDF4.Dataset(self._part, "a") as file:
+            file.set_fill_off()
+            file["time"][0] = np.frombuffer(MARK, ">f8")
         with mmap.mmap(self._descriptor, 0, access=mmap.ACCESS_READ) as header:
+            before = [*self._lengths.values()][: [*self._lengths].index("time")]
+            self._first = header.find(MARK) - 8 * sum(before)  # offset of the first record
             # dimensions come first: a name, padded to whole words of four bytes, and a length
             self._samples_at = header.find(SERIES.encode()) + 4 * math.ceil(len(SERIES) / 4)
             self._summary_at = header.find(b" " * SUMMARY_BYTES)
+        self._count(RECORDS_AT, 0)
+        os.truncate(self._descriptor, self._first)
 
     @property
     def _end(self) -> int:

@@ -78,13 +78,14 @@ def frame_dataset(
     fields: Mapping[str, Array],
     time: float,
     attributes: Mapping[str, Any],
-    own: Mapping[str, Mapping[str, str]],
+    known: Mapping[str, Mapping[str, str]],
 ) -> xr.Dataset:
-    """Return fields at `time` [s] on (time, node); own: attributes of user-defined fields."""
+    """Return fields at `time` [s] on (time, node).
+
+    fields (N,): by name, with b and f.  known: the wanted fields, with their attributes.
+    """
     import xarray as xr
 
-    tracers = [name.removeprefix(TRACER) for name in fields if name.startswith(TRACER)]
-    known = frame_fields(tracers) | {name: dict(own[name]) for name in own if name in fields}
     data: dict[str, Any] = {
         name: (("time", "node"), fields[name][None], {**about, **MEASURES})
         for name, about in known.items()

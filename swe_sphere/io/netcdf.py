@@ -1,13 +1,15 @@
 """Streaming of a run to netCDF or Zarr, also when it resumes: CF-1.11, the mesh as UGRID."""
 
+from __future__ import annotations
+
 import json
 import math
 import os
 import uuid
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,9 +22,11 @@ from swe_sphere.io.growing import SUFFIX, GrowingFile, GrowingStore
 from swe_sphere.io.layout import (
     LAYOUT_BYTES,
     SERIES,
+    SUMMARY,
     SUMMARY_BYTES,
     VARIABLES,
     file_dataset,
+    frame_dataset,
     frame_fields,
     history,
     plain,
@@ -30,6 +34,9 @@ from swe_sphere.io.layout import (
 from swe_sphere.io.runfile import RunFile, checked, reading
 from swe_sphere.io.scalar_fields import FIELDS, POWER, derive
 from swe_sphere.mesh import Mesh
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 ROOM_FOR_SAMPLES = 1000
 MENDING = "; free some space or write elsewhere (everything written before stays readable)"
@@ -49,6 +56,8 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
     it stays in place until the new file has as many frames. own: attributes (long_name, units) of
     user-defined diagnostics, of which `own_fields` are in every frame and the others in the series.
     coriolis (N,) [s-1]: the Coriolis parameter. only: names of the fields in frames; all if empty.
+    transform: the file contains what this function returns for the dataset of each frame on the
+    nodes, the wind always as both components, and no series.
 
     Raises ConfigError for an unknown field, if the file cannot be created, if another run writes
     it, if there is no space for a first frame, or if the run in it cannot be resumed. Every method
@@ -69,22 +78,27 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         own_fields: Iterable[str] = (),
         coriolis: ArrayLike = 0.0,
         only: Iterable[str] = (),
+        transform: Callable[[xr.Dataset], xr.Dataset] | None = None,
     ) -> None:
         self.path, self._mesh, self._samples = Path(path), mesh, samples
+        self._transform = transform
         self._bottom, self._coriolis, self._own = bottom, coriolis, own or {}
         self._earlier = None if append_from is None else RunFile(self.path)
         self._from = append_from or 0.0
         kept: dict[str, Any] = {}
         size = 0
         if self._earlier is not None:
-            if (nodes := self._earlier.bottom.size) != mesh.size:
+            ours, theirs = mesh.size, self._earlier.bottom.size
+            if transform is None and theirs != ours:
                 raise ConfigError(
-                    f"cannot resume in {path}: its mesh has {nodes} nodes, not {mesh.size}"
+                    f"cannot resume in {path}: its mesh has {theirs} nodes, not {ours}"
                 )
             before, size = self._earlier.attributes, self.path.stat().st_size
             kept = {name: before[name] for name in KEPT if name in before}
         every = frame_fields(tracers) | {name: self._own[name] for name in own_fields}
         wanted = {*only} or {*every}
+        if transform is not None and wanted & {"u", "v"}:
+            wanted |= {"u", "v"}  # interpolated as a vector
         derived = {
             name: {"long_name": FIELDS[name].title, "units": POWER.sub(r"\1", FIELDS[name].units)}
             for name in VARIABLES["derived"]
@@ -96,7 +110,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         begun = "" if kept or "origin" not in attributes else f" from {attributes['origin']}"
         lines = str(kept.get("history", attributes.get("history", "")))
         line = history(f"run {attributes.get('scene', '')}{begun}", lines)
-        about = {**attributes, "run_id": uuid.uuid4().hex, **kept, "history": line}
+        about = {"run_id": uuid.uuid4().hex, **attributes, **kept, "history": line}
         self._attributes = plain(about)
         self.run_id = str(about["run_id"])
         """Identifier of the run; a resumed run keeps the identifier of the earlier run."""
@@ -125,10 +139,16 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         user-defined ones, all of them (N,), and f for derived ones; others are ignored.
         diagnostics: as for `record`, at the same time; those of the first frame define the series.
         """
-        values = {"time": [time]} | {name: derive(fields, name) for name in self._fields}
+        values, frame = {name: derive(fields, name) for name in self._fields}, None
+        if self._transform is not None:
+            every = {**fields, **values}
+            frame = frame_dataset(self._mesh, every, time, self._attributes, self._fields)
+            frame = self._transform(frame)
+            values = {name: frame[name].values for name in self._fields}
+        values["time"] = np.array([time])
         with self._writing(begins=True):
             if not self._begun:
-                self._make(diagnostics or {})
+                self._make(diagnostics or {}, frame)
             self._growing.add_record(values)
             if diagnostics:
                 self._growing.add_sample(self._sample(time, diagnostics))
@@ -175,17 +195,20 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _make(self, diagnostics: Iterable[str]) -> None:
-        """Write the whole file except new frames and samples."""
+    def _make(self, diagnostics: Iterable[str], frame: xr.Dataset | None) -> None:
+        """Write the whole file except new frames and samples; frame: the first one on a grid."""
         times, earlier = (np.zeros(0), {}) if self._earlier is None else self._earlier.series()
         self._series = tuple(dict.fromkeys((*diagnostics, *earlier)))
         about = {} if self._earlier is None else self._earlier.about_series
         series = {name: self._own.get(name) or about.get(name, {}) for name in self._series}
         times = times[times < self._from]
-        data = file_dataset(
-            self._mesh, self._attributes, self._bottom, self._coriolis, self._fields, series,
-            self._samples + times.size,
-        )  # fmt: skip
+        if frame is not None:
+            data = frame.isel(time=slice(0)).assign_attrs({SUMMARY: " " * SUMMARY_BYTES})
+        else:
+            data = file_dataset(
+                self._mesh, self._attributes, self._bottom, self._coriolis, self._fields, series,
+                self._samples + times.size,
+            )  # fmt: skip
         self._growing.define(data)
         self._growing.set_summary(json.dumps({"completed": False}))
         if self._earlier is not None:

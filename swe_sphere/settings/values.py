@@ -19,8 +19,8 @@ SCENE, STEPPER = "scene", "stepper"
 
 M = TypeVar("M", bound=BaseModel)
 
-_FLAGS = {"settings": "set", "as_json": "json"}
-"""Flags whose names differ from their fields."""
+_FLAGS = {"settings": "set", "as_json": "json", "outputs": "output"}
+"""Flags, and tables of files, whose names differ from their fields."""
 _NOUNS = {float: "a number", int: "a whole number", bool: "true or false"}
 _DEFAULT = "default"
 """Word that stands for None if None is a choice."""

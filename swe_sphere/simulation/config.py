@@ -1,6 +1,7 @@
 """The configuration of a run: one frozen object, from flags, a TOML file, or Python."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypedDict
 
@@ -15,7 +16,7 @@ from pydantic import (
 )
 
 from swe_sphere.equations.scene import LONGEST_DAYS, MOST_ELEMENTS
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, shown, unknown_name
 from swe_sphere.settings.values import (
     SCENE,
     STEPPER,
@@ -74,10 +75,12 @@ def _names(value: object) -> object:
 
 
 FileName = Annotated[Path, AfterValidator(_nameable)]
+Names = Annotated[tuple[str, ...], BeforeValidator(_names)]
 Number = Annotated[float, _not_of(bool, str)]
 Positive = Annotated[Number, Field(gt=0.0)]
 Whole = Annotated[int, _not_of(bool, str), Field(ge=-MOST_ELEMENTS, le=MOST_ELEMENTS)]
 Days = Annotated[Number, Field(ge=0.0, le=LONGEST_DAYS)]
+Hours = Annotated[Positive, Field(le=24.0 * LONGEST_DAYS)]
 Spoken = Annotated[float, _not_of(bool), Field(gt=0.0)]
 """A positive number, also as text."""
 SpokenWhole = Annotated[int, _not_of(bool)]
@@ -87,12 +90,52 @@ Count = Annotated[
 ]
 
 
+@dataclass(frozen=True)
+class Output:
+    """A further file of a run, with frames of some fields at times of its own.
+
+    A run checks the values.
+
+    Examples:
+        >>> from swe_sphere import Output, Simulation
+        >>> wind = Output("wind.nc", every=6, fields="u,v", grid="latlon:19x36")
+        >>> sim = Simulation("williamson2", ne=2, np=4, dt=3600)
+        >>> sim.run(days=0.5, outputs=[wind], overwrite=True).status
+        'completed'
+    """
+
+    path: FileName
+    """Name of the file: netCDF, or a Zarr store if it ends in .zarr."""
+    every: Hours | None = None
+    """Time between frames [h]; None: that of the run, whose last state is a frame then."""
+    fields: Names = ()
+    """Fields to write, as in `RunConfig.fields`."""
+    grid: str | None = None
+    """latlon:ROWSxCOLUMNS or gaussian:N; None: the nodes of the mesh."""
+
+
+def _outputs(given: Any) -> object:
+    """Return a list of outputs or tables; ConfigError for an unknown key or another type."""
+    found = [given] if isinstance(given, Output | Mapping) else given
+    known = [field.name for field in fields(Output)]
+    for each in found if isinstance(found, Sequence) else [found]:
+        if not isinstance(each, Output | Mapping) or isinstance(found, str):
+            raise ConfigError(f"output: must be a list of outputs, got {shown(given)}")
+        for name in each if isinstance(each, Mapping) else ():
+            if name not in known:
+                raise unknown_name("option of output", name, known)
+        if isinstance(each, Mapping) and "path" not in each:
+            raise ConfigError("output: give a path, the name of the file")
+    return found
+
+
 class SharedConfig(BaseModel):
     """Settings that all runs of a study share: refined and rotated mesh, machine."""
 
     model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
-    )
+        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True,
+        revalidate_instances="always",
+    )  # fmt: skip
 
     stretch: Number = 1.0
     """Schmidt refinement: factor by which the mesh is refined at the centre."""
@@ -116,8 +159,9 @@ class RunConfig(SharedConfig):
     """All options of `swe-sphere run`; None stands for a default of the scene or of the option.
 
     The names are those of the flags (and of the keys of a `--config` file), with `_` for `-`,
-    except for two that Python reserves: `settings` is `--set`, `as_json` is `--json`. Scene,
-    stepper, mesh and device are checked where they are built.
+    except for `settings`, which is `--set`, `as_json`, which is `--json`, and `outputs`, which a
+    file alone can give, as `[[output]]`. Scene, stepper, mesh and device are checked where they are
+    built.
     """
 
     scene: str
@@ -150,12 +194,14 @@ class RunConfig(SharedConfig):
     """Python file with custom diagnostics; repeatable."""
     out: FileName | None = None
     """Output file: netCDF, or a Zarr store if it ends in .zarr."""
-    fields: Annotated[tuple[str, ...], BeforeValidator(_names)] = ()
+    fields: Names = ()
     """Fields to write: h, u, v, vorticity, divergence, q_TRACER, custom ones (default: all of
     these), potential_vorticity, kinetic_energy."""
+    outputs: Annotated[tuple[Output, ...], BeforeValidator(_outputs)] = ()
+    """Further files, each with fields, a grid and times of its own; tables [[output]] in TOML."""
     overwrite: bool = False
-    """Replace an existing file."""
-    every: Annotated[Positive, Field(le=24.0 * LONGEST_DAYS)] | None = None
+    """Replace existing files."""
+    every: Hours | None = None
     """Time between frames [h] (about a day)."""
     plot: FileName | None = None
     """Draw the last frame."""
@@ -218,6 +264,7 @@ class Keywords(TypedDict, total=False):
     alpha: float | None
     settings: Mapping[str, object] | Sequence[str]
     fields: str | Sequence[str]
+    outputs: Sequence[Output]
     diagnostics: Sequence[str | Path]
     initial_time: float | None
     reference: str | Path | None

@@ -7,6 +7,7 @@ observers may change the state, which is then checked again.
 import math
 import sys
 import time
+import uuid
 import warnings
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -19,7 +20,9 @@ import numpy as np
 
 from swe_sphere.errors import ConfigError, RunFailed, Unstable
 from swe_sphere.files.user_file import is_custom
+from swe_sphere.mesh import Interpolator
 from swe_sphere.planet import DAY, HOUR
+from swe_sphere.simulation.config import Output
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Snapshot, called
 from swe_sphere.simulation.planning import RunPlan
 from swe_sphere.simulation.restart import appends
@@ -184,48 +187,75 @@ SAMPLES = 200
 
 
 class Recorder(Observer):
-    """Writes frames, series of diagnostics and checkpoints to the file of a simulation, on rank 0.
+    """Writes a file of a simulation, on rank 0: frames, from the present state on.
 
-    It begins with a frame.  Raises ConfigError if the file cannot be created or belongs to another
-    run; RunFailed, also from the methods, if the disk fails.
+    output: a further file of the run; None: the file `out`, with series of diagnostics and
+    checkpoints.  Raises ConfigError if the file cannot be created or belongs to another run;
+    RunFailed, from the methods, if the disk fails.
     """
 
-    def __init__(self, sim: Any) -> None:
-        from swe_sphere.io.netcdf import FrameWriter  # netCDF4 is slow to import
-
+    def __init__(self, sim: Any, output: Output | None = None) -> None:
         self.sim: Any = sim
         self.plan: RunPlan = sim.plan
+        self._output = output
+        self.sees_end = output is None
         self._framed: int | None = None  # steps before the last frame
-        snapshot, model, out = sim.snapshot, sim.model, sim.config.out
-        continued = sim.comm.on_root(lambda: appends(sim.config))
-        ahead = self.plan.steps - sim.steps
-        due = ahead // self.plan.frame_steps + ahead // self.plan.interval(SAMPLES)
-        given = (
-            out, sim.mesh, sim.attributes(), model.bottom, sim.scene.tracers or (),
-            min(ahead, due + 3) + 1, sim.time if continued else None, snapshot.own_attributes,
-            snapshot.own_fields, model.coriolis, sim.config.fields,
+        snapshot = sim.snapshot
+        about = {"own": snapshot.own_attributes, "own_fields": {*snapshot.own_fields}}
+        sim.run_id = sim.comm.on_root(lambda: self._open(about))
+
+    def _open(self, about: dict[str, Any]) -> str:
+        """Create the file and return the identifier of its run, which a resumed run keeps.
+
+        about: user-defined diagnostics, as for `FrameWriter`.
+        """
+        from swe_sphere.io.netcdf import FrameWriter  # netCDF4 is slow to import
+
+        sim, plan, output, config = self.sim, self.plan, self._output, self.sim.config
+        about["attributes"], model = sim.attributes(), sim.model
+        if output is None:
+            ahead = plan.steps - sim.steps
+            due = ahead // plan.frame_steps + ahead // plan.interval(SAMPLES)
+            about["samples"] = min(ahead, due + 3) + 1
+            path, only, continues = config.out, config.fields, appends(config)
+        else:
+            path, only = output.path, output.fields
+            continues = path.exists() and not config.overwrite
+            about["attributes"]["run_id"] = sim.run_id or uuid.uuid4().hex
+            if output.grid is not None:
+                from swe_sphere.analysis.regrid import on_grid, parse_grid
+
+                grid = parse_grid(output.grid)
+                at = Interpolator(sim.mesh, *grid.points)
+                about["transform"] = partial(on_grid, at=at, grid=grid)
+        self._writer = FrameWriter(
+            path, sim.mesh, bottom=model.bottom, coriolis=model.coriolis, only=only,
+            tracers=sim.scene.tracers or (), append_from=sim.time if continues else None, **about,
         )  # fmt: skip
+        if continues and self._writer.run_id != sim.run_id:
+            self._writer.close()
+            name, also = "out", ""
+            if output is not None:
+                name, also = "output", ", or replace it with --overwrite"
+            raise ConfigError(f"{name}: {path} belongs to another run: choose another name{also}")
+        return self._writer.run_id
 
-        def open_file() -> str:
-            self._writer = FrameWriter(*given)
-            if continued and self._writer.run_id != sim.run_id:
-                self._writer.close()
-                raise ConfigError(f"out: {out} now belongs to another run: choose another name")
-            return str(self._writer.run_id)
-
-        sim.run_id = sim.comm.on_root(open_file)
-        try:
-            self._frame(snapshot)
-        except BaseException:
-            self._close()
-            raise
+    def write_first(self) -> None:
+        """Write the present state, unless the run resumes between two frames of the file."""
+        if self._output is None or not self._output.every or self.due(self.sim.steps):
+            self._frame(self.sim.snapshot)
 
     def due(self, step: int) -> bool:
-        """Return whether a sample is due: at frames, and about `SAMPLES` times a run in between."""
-        return self.plan.is_frame(step) or self.plan.is_sample(step, SAMPLES)
+        """Return whether a frame is due, or one of about `SAMPLES` samples of a run."""
+        output = self._output
+        if output is None:
+            return self.plan.is_frame(step) or self.plan.is_sample(step, SAMPLES)
+        if output.every is None:
+            return self.plan.is_frame(step)
+        return self.plan.is_multiple(step, output.every * HOUR)
 
     def observe(self, snapshot: Snapshot) -> None:
-        if self.plan.is_frame(snapshot.steps):
+        if self._output is not None or self.plan.is_frame(snapshot.steps):
             self._frame(snapshot)
             return
         numbers = snapshot.diagnostics
@@ -235,8 +265,12 @@ class Recorder(Observer):
         """Write a frame and a checkpoint, unless this step has a frame already."""
         if self._framed == snapshot.steps:
             return
-        numbers, fields = snapshot.diagnostics, snapshot.all_fields | snapshot.own_fields
+        fields = snapshot.all_fields | snapshot.own_fields
         self._framed = steps = snapshot.steps
+        if self._output is not None:
+            self.sim.comm.on_root(lambda: self._writer.write(snapshot.time, fields))
+            return
+        numbers = snapshot.diagnostics
         arrays, stepper = self.sim.restart_arrays(), self.sim.config.stepper
 
         def write() -> None:
@@ -252,16 +286,17 @@ class Recorder(Observer):
         """
         sim, ended = self.sim, self.sim.outcome
         try:
-            if ended.status == "running":
+            if ended.status == "running" or self._framed is None:
                 return
-            if ended.is_sound and not ended.completed:
+            if self.sees_end and ended.is_sound and not ended.completed:
                 self._frame(sim.snapshot)
             told = {name: x for name, x in sim.summary.as_dict().items() if x is not None}
             sim.comm.on_root(lambda: self._writer.finish(told))
         finally:
-            self._close()
+            self.close()
 
-    def _close(self) -> None:
+    def close(self) -> None:
+        """Close the file; one without frames is removed."""
         if self.sim.comm.rank == 0:
             self._writer.close()
 

@@ -142,7 +142,7 @@ def time_plan(
         if automatic:
             shortest = SHORTEST_AUTOMATIC * min(Fraction(dt), *times)
         if step < shortest:
-            said = "".join(f" and calls every {time / HOUR:g} h" for time in also)
+            said = "".join(f" and callbacks or files every {time / HOUR:g} h" for time in also)
             raise ConfigError(
                 f"no step near {dt:g} s fits frames every {float(interval / 3600):g} h{said}:"
                 f" change every, or take dt={float(step):g} or less"
@@ -178,7 +178,7 @@ def continued_plan(
         )
     long = cycle * plan.dt
     for seconds in also:
-        _check_whole("every of a callback", seconds, long, origin)
+        _check_whole("every of a callback or file", seconds, long, origin)
     interval = _interval(_milliseconds(end), every, plan.dt)
     if every is not None:
         _check_whole("every", float(interval), long, origin)

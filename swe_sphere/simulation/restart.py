@@ -69,9 +69,13 @@ def check_paths(config: RunConfig) -> None:
     for path in (config.restart, config.initial, config.reference):
         if path is not None and not path.exists():
             raise ConfigError(f"there is no file {path}")
-    for name, path in (("out", config.out), ("plot", config.plot)):
+    outputs, seen = [("output", output.path) for output in config.outputs], set[Path]()
+    for name, path in (("out", config.out), ("plot", config.plot), *outputs):
         if path is None:
             continue
+        if path.resolve() in seen:
+            raise ConfigError(f"{name}: {path} is written twice: give each file a name of its own")
+        seen.add(path.resolve())
         from swe_sphere.io.growing import SUFFIX, is_store
 
         if len(path.name.encode()) > LONGEST_NAME:

@@ -35,12 +35,12 @@ from swe_sphere.files.fingerprints import code_fingerprint
 from swe_sphere.files.user_file import cause, check_trusted, guarded, users_code
 from swe_sphere.io.integrals import tracer_masses
 from swe_sphere.mesh import Mesh
-from swe_sphere.planet import DAY
+from swe_sphere.planet import DAY, HOUR
 from swe_sphere.ranks.communicator import world
 from swe_sphere.ranks.limits import command_began
 from swe_sphere.settings.values import convert
 from swe_sphere.simulation import build, planning
-from swe_sphere.simulation.config import Keywords, RunConfig, make_config
+from swe_sphere.simulation.config import Keywords, Output, RunConfig, make_config
 from swe_sphere.simulation.diagnostics import (
     DIAGNOSTICS,
     NAMES,
@@ -472,6 +472,7 @@ class Simulation(NotCopyable):
         *,
         out: str | Path | None = None,
         every: float | None = None,
+        outputs: Sequence[Output] | None = None,
         callbacks: Iterable[Any] = (),
         time_limit: float | None = None,
         overwrite: bool = False,
@@ -487,10 +488,11 @@ class Simulation(NotCopyable):
             out: a file for frames, series of diagnostics and checkpoints; the file that this
                 simulation wrote last is continued.
             every: time between frames [h].
+            outputs: further files; the files of a run that is continued are, too.
             callbacks: functions of the simulation, called after every step or when `every` says;
                 or observers.
             time_limit: wall time that the run may take [s], start-up and writing included.
-            overwrite: replace an existing file `out`; a run that has reached its end begins again.
+            overwrite: replace existing files; a run that has reached its end begins again.
             keep: keep the frames in memory, as `frames`.
             progress: whether to show a bar; None: in a notebook or on a terminal.
             warn: called with each warning; None: `warnings.warn`.
@@ -505,8 +507,8 @@ class Simulation(NotCopyable):
                 Other signals take effect then, too.
         """
         since = command_began.get(time.monotonic())
-        asked = {"days": days, "every": every, "time_limit": time_limit, "out": out}
-        asked |= {"overwrite": overwrite or None, "restart": self._continues}
+        asked: dict[str, Any] = {"days": days, "every": every, "time_limit": time_limit, "out": out}
+        asked |= {"overwrite": overwrite or None, "restart": self._continues, "outputs": outputs}
         asked = {name: value for name, value in asked.items() if value is not None}
         kept = self._configured.given()
         kept = {k: v for k, v in kept.items() if k not in ("out", "overwrite", "plot", "live")}
@@ -519,7 +521,8 @@ class Simulation(NotCopyable):
         self.config = config
         self._check_reference()
         calls = [each for each in observers if isinstance(each, Callback)]
-        self.begin(also=[call.seconds for call in calls if call.seconds])
+        times = [output.every * HOUR for output in config.outputs if output.every]
+        self.begin(also=[*times, *(call.seconds for call in calls if call.seconds)])
         for call in calls:
             call.check(self.plan)
         if self.comm.rank == 0 and (is_watched() if progress is None else progress):
@@ -529,15 +532,24 @@ class Simulation(NotCopyable):
         self._kept = Keeper() if keep else None
         if self._kept is not None:
             observers.append(self._kept)
+        files: list[Recorder] = []
         try:
-            if config.out is not None:
+            if config.out is not None or config.outputs:
                 if self.steps:  # a spoilt state must not replace the last good one in the file
                     HealthCheck(self).observe(self.snapshot)
+                with ExitStack() as opened:
+                    for output in (*[None][: config.out is not None], *config.outputs):
+                        files.append(Recorder(self, output))
+                        opened.callback(files[-1].close)
+                    for file in files:
+                        file.write_first()
+                    opened.pop_all()
+            if config.out is not None:
                 self._continues = config.out.resolve()
-                observers.insert(0, Recorder(self))
         except (RunFailed, *BREAKDOWNS) as error:
             self._ended_by(error)
         else:
+            observers = [*files, *observers]
             self.advance(observers, config.time_limit, since=since)
             if self._signal is not None and raises:
                 signal.raise_signal(self._signal)
@@ -697,11 +709,14 @@ class Simulation(NotCopyable):
     def to_xarray(self) -> xr.Dataset:
         """Return the state as a frame of a file: fields on (time, node), points, areas, bottom."""
         from swe_sphere.analysis import accessor  # noqa: F401 - registers `ds.swe`
-        from swe_sphere.io.layout import frame_dataset
+        from swe_sphere.io.layout import frame_dataset, frame_fields
 
         now = self.snapshot
         fields, own = now.all_fields | now.own_fields, now.own_attributes
-        return frame_dataset(self.mesh, fields, now.time, self.attributes(), own)
+        known = frame_fields(self.scene.tracers or ()) | {
+            name: own[name] for name in now.own_fields
+        }
+        return frame_dataset(self.mesh, fields, now.time, self.attributes(), known)
 
     @property
     def frames(self) -> xr.Dataset:

@@ -1,0 +1,201 @@
+"""Further files of a run: fields, times and grids of their own, also when the run resumes."""
+
+import re
+import subprocess
+import sys
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from swe_sphere import Output, Simulation, every, open_run
+from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.planet import HOUR
+
+SMALL = {"ne": 2, "np": 4, "dt": 1800.0, "every": 6.0}
+TABLES = """
+dt = 1800
+every = 6
+days = 0.5
+[[output]]
+path = "wind.nc"
+every = 1.5
+fields = "u"
+grid = "latlon:7x12"
+[[output]]
+path = "depth.zarr"
+fields = ["h"]
+"""
+
+
+def simulation(**more):
+    return Simulation("williamson6", **(SMALL | more))
+
+
+def hours(path):
+    with open_run(path) as data:
+        return (data.time.values / HOUR).tolist()
+
+
+def files(folder):
+    return [
+        Output(folder / "fine.nc", every=1.5, fields="h,potential_vorticity"),
+        Output(folder / "wind.nc", every=3, fields=["u"], grid="latlon:7x12"),
+        Output(folder / "frames.zarr"),
+    ]
+
+
+def same(one, two):
+    """Whether two files hold the same frames: all variables, bit for bit."""
+    with xr.open_dataset(one) as first, xr.open_dataset(two) as second:
+        return first.drop_attrs().equals(second.drop_attrs())
+
+
+def test_each_file_has_its_times_and_fields(tmp_path):
+    summary = simulation().run(days=0.625, out=tmp_path / "run.nc", outputs=files(tmp_path))
+    assert summary.completed
+    assert hours(tmp_path / "fine.nc") == [1.5 * k for k in range(11)]
+    assert hours(tmp_path / "wind.nc") == [0, 3, 6, 9, 12, 15]
+    assert hours(tmp_path / "frames.zarr") == hours(tmp_path / "run.nc") == [0, 6, 12, 15]
+    run = open_run(tmp_path / "run.nc").load()
+    fine = open_run(tmp_path / "fine.nc").load()
+    assert {str(n) for n in fine.data_vars if "time" in fine[n].dims} == {
+        "h",
+        "potential_vorticity",
+    }
+    assert np.array_equal(fine.h[::4].values, run.h[:3].values)
+    wind, expected = open_run(tmp_path / "wind.nc").load(), run.swe.to_latlon(7, 12)
+    assert {str(n) for n in wind.data_vars if "time" in wind[n].dims} == {"u", "v"}
+    assert wind.u.dims == ("time", "lat", "lon")
+    for name in ("u", "v"):
+        assert np.array_equal(wind[name][[0, 2, 4]].values, expected[name][:3].values)
+    assert wind.attrs["run_id"] == fine.attrs["run_id"] == run.attrs["run_id"]
+
+
+def test_files_of_a_run_in_two_calls_are_those_of_one(tmp_path):
+    for name in ("once", "twice", "resumed"):
+        (tmp_path / name).mkdir()
+    simulation().run(days=0.75, out=tmp_path / "once/run.nc", outputs=files(tmp_path / "once"))
+    sim, folder = simulation(), tmp_path / "twice"
+    for days in (0.3125, 0.75):
+        sim.run(days=days, out=folder / "run.nc", outputs=files(folder))
+    folder = tmp_path / "resumed"
+    out = folder / "run.nc"
+    simulation().run(days=0.3125, out=out, outputs=files(folder))
+    assert Simulation.from_checkpoint(out).run(days=0.75, out=out).completed
+    for name in ("fine.nc", "wind.nc"):
+        assert same(tmp_path / "once" / name, tmp_path / "twice" / name)
+        assert same(tmp_path / "once" / name, tmp_path / "resumed" / name)
+    for name in ("twice", "resumed"):
+        assert hours(tmp_path / name / "frames.zarr") == [0, 6, 7.5, 12, 18]
+
+
+def test_a_run_without_a_main_file_continues_its_further_files(tmp_path):
+    sim, wind = simulation(), [Output(tmp_path / "wind.nc", every=3, grid="gaussian:4")]
+    sim.run(days=0.25, outputs=wind)
+    sim.run(days=0.5, outputs=wind)
+    assert hours(wind[0].path) == [0, 3, 6, 9, 12]
+    with pytest.raises(ConfigError, match=re.escape(
+        f"output: {wind[0].path} belongs to another run: choose another name, or replace it with"
+        " --overwrite"
+    )):  # fmt: skip
+        simulation().run(days=0.5, outputs=wind)
+    assert hours(wind[0].path) == [0, 3, 6, 9, 12]
+    simulation().run(days=0.125, outputs=wind, overwrite=True)
+    assert hours(wind[0].path) == [0, 3]
+
+
+def test_a_run_that_stops_keeps_all_files_and_resumes_in_them(tmp_path):
+    @every(hours=7)
+    def stop(sim):
+        raise KeyError("stop")
+
+    once, stopped = tmp_path / "once", tmp_path / "stopped"
+    for folder in (once, stopped):
+        folder.mkdir()
+    simulation().run(days=0.5, out=once / "run.nc", outputs=files(once))
+    out = stopped / "run.nc"
+    summary = simulation().run(days=0.5, out=out, outputs=files(stopped), callbacks=[stop])
+    assert summary.status == "failed"
+    assert hours(stopped / "fine.nc") == [0, 1.5, 3, 4.5, 6]
+    assert Simulation.from_checkpoint(out).run(days=0.5, out=out).completed
+    assert same(once / "fine.nc", stopped / "fine.nc")
+    assert same(once / "wind.nc", stopped / "wind.nc")
+
+
+def test_tables_in_a_file(swe, tmp_path):
+    (tmp_path / "run.toml").write_text(TABLES)
+    status, out, err = swe("run", "williamson6", "--config", "run.toml", "--ne", 2, "--np", 4)
+    assert (status, err) == (0, "")
+    assert "further files" in out
+    assert "wind.nc, depth.zarr" in out
+    assert hours("wind.nc") == [1.5 * k for k in range(9)]
+    assert hours("depth.zarr") == [0, 6, 12]
+
+
+@pytest.mark.skipif(find_spec("mpi4py") is None, reason="there is no mpi4py")
+def test_ranks_write_the_same_files(tmp_path):
+    for ranks in ("1", "2"):
+        folder = tmp_path / ranks
+        folder.mkdir()
+        (folder / "run.toml").write_text(TABLES)
+        command = [sys.executable, "-m", "swe_sphere", "run", "williamson6", "--ranks", ranks]
+        command += ["--config", "run.toml", "--ne", "2", "--np", "4", "--quiet"]
+        subprocess.run(command, cwd=folder, check=True)
+    assert same(tmp_path / "1/wind.nc", tmp_path / "2/wind.nc")
+
+
+@pytest.mark.parametrize(
+    ("output", "message"),
+    [
+        (
+            {"path": "x.nc", "evry": 3},
+            "unknown option of output 'evry'; did you mean 'every'? There",
+        ),
+        ({"every": 3}, "output: give a path"),
+        ({"path": "x.nc", "every": -3.0}, "output: must be greater than 0, got -3.0"),
+        ({"path": "x.nc", "every": 0.7}, "no step near 1800 s fits"),
+        ({"path": "x.nc", "fields": "q"}, "unknown field 'q'; there are: "),
+        (
+            {"path": "x.nc", "grid": "latlon:7"},
+            "there is no grid 'latlon:7': use latlon:ROWSxCOLUMNS",
+        ),
+        ({"path": "none/x.nc"}, "output: there is no folder none: make it first"),
+        ({"path": "run.nc"}, "output: run.nc is written twice: give each file a name of its own"),
+        ("x.nc", "output: must be a list of outputs, got 'x.nc'"),
+        (3, "output: must be a list of outputs, got 3"),
+    ],
+)
+def test_faults_are_named_before_a_file_is_written(output, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    outputs = output if isinstance(output, str | int) else [output]
+    with pytest.raises(ConfigError) as error:
+        simulation().run(days=0.5, out="run.nc", outputs=outputs)
+    assert message in str(error.value)
+    assert [*tmp_path.iterdir()] == []
+
+
+def test_a_full_disk_ends_the_run_in_one_line(tmp_path, monkeypatch):
+    from swe_sphere.io.growing import GrowingFile
+
+    written = GrowingFile.add_record
+
+    def fail(self, values, wait=True):
+        if self.records == 3 and "h" not in values:
+            raise OSError(28, "No space left on device")
+        written(self, values, wait)
+
+    monkeypatch.setattr(GrowingFile, "add_record", fail)
+    summary = simulation().run(days=0.5, out=tmp_path / "run.nc", outputs=files(tmp_path))
+    assert summary.status == "failed"
+    assert f"cannot write {tmp_path / 'wind.nc'}: No space left on device" in summary.reason
+    assert hours(tmp_path / "wind.nc") == [0, 3, 6]
+    assert RunFailed.exit_status == summary.exit_status
+
+
+def test_schedules_meet_hours_that_frames_do_not(tmp_path):
+    sim = Simulation("williamson6", ne=2, np=4, dt="auto")
+    sim.run(days=0.25, outputs=[Output(tmp_path / "odd.nc", every=0.75, fields="h")])
+    assert hours(tmp_path / "odd.nc") == [0.75 * k for k in range(9)]
+    assert (0.75 * HOUR) % sim.plan.dt == pytest.approx(0.0, abs=1e-6)
