@@ -188,5 +188,6 @@ lanes: Any = Name(lambda of: of.lanes)
 
 
 def struct_of(name: str, members: dict[str, Any]) -> Any:
-    """Return a Warp structure with these members and their types."""
-    return wp.struct(type(name, (), {"__annotations__": members}))
+    """Return a Warp structure with the members whose type is not False."""
+    kept = {name: kind for name, kind in members.items() if kind is not False}
+    return wp.struct(type(name, (), {"__annotations__": kept}))

@@ -101,12 +101,12 @@ def run_kernels(unknowns: int, point: Pointwise, damped: bool) -> tuple[Any, Any
     """
     added, shifted = pointwise_sum(unknowns, point), point.tangent
 
-    def members(of: Any) -> Any:
+    @Name
+    def geometry(of: Any) -> Any:
         point = added.structure.find(of)
         area = wp.array(dtype=of.real)
         return struct_of("Geometry", {"size": wp.int32, "inverse_area": area, "point": point})
 
-    geometry: Any = Name(members)
     mass = _finish_mass(unknowns, geometry, added, damped, shifted)
     finish = _finish_wind(geometry, added, damped, shifted)
 

@@ -14,7 +14,7 @@ from swe_sphere.kernels.define import func, kernel, specialise, vector
 from swe_sphere.kernels.dynamics import skew, state, tangent, transport
 from swe_sphere.kernels.element import Finish, element_diffusion, element_sweep
 from swe_sphere.kernels.formulas import Formula
-from swe_sphere.kernels.node import flux_kernel, node_diffusion, node_sweep
+from swe_sphere.kernels.node import node_diffusion, node_sweep
 from swe_sphere.kernels.terms import KernelTypes, Terms, done, geometry, local
 
 
@@ -28,13 +28,22 @@ def tendency_kernels(t: KernelTypes, finish_of: Any = finish_rates) -> list[Any]
     groups are stored in `done`, as after DSS; otherwise `done` is not written. finish_of: function
     from t and a number of fields to the `Finish` of these nodes.
     """
-    terms, formula, source = t.terms, _formula(t.terms), _source(t.terms)
-    by_node = t.shape == "node"
+    terms, formula, by_node = t.terms, _formula(t.terms), t.shape == "node"
     finish = functools.partial(finish_of, t) if t.point is not None else None
     load_winds, sweep = _sweep(t, formula, finish and formula and finish(formula.fields))
-    diffuse = None
+    *fluxes, diffuse = [None]
     if terms.diffuses:
-        diffuse = node_diffusion(t) if by_node else element_diffusion(t, finish)
+        *fluxes, diffuse = node_diffusion(t) if by_node else [element_diffusion(t, finish)]
+
+    @func
+    def source(geo: geometry, x: vector):
+        """Return the prescribed wind, the base of linear terms, or otherwise x."""
+        if wp.static(terms.wind and terms.dynamics):
+            return geo.wind
+        elif wp.static(terms.linear):
+            return geo.base
+        else:
+            return x
 
     @func
     def add_terms(geo: geometry, x: vector, e: int, n: int, out: local, done: done):
@@ -56,7 +65,6 @@ def tendency_kernels(t: KernelTypes, finish_of: Any = finish_rates) -> list[Any]
         add_terms(geo, x, begin + e, n, out, done)
 
     launched = tendency if by_node else tendency_of_groups
-    fluxes = [flux_kernel(t)] if terms.diffuses and by_node else []
     return [specialise(made, t) for made in (*fluxes, launched)]
 
 
@@ -111,18 +119,3 @@ def _formula(terms: Terms) -> Formula | None:
     if terms.poisson:
         return skew(terms)
     return tangent(terms) if terms.tangent else state(terms)
-
-
-def _source(terms: Terms) -> Any:
-    """Return the function (geometry, x) that returns the prescribed wind, the base, or else x."""
-
-    @func
-    def source(geo: geometry, x: vector):
-        if wp.static(terms.wind and terms.dynamics):
-            return geo.wind
-        elif wp.static(terms.linear):
-            return geo.base
-        else:
-            return x
-
-    return source

@@ -73,35 +73,28 @@ def _line_sums(order: int, rows: Any, name: str, at_node: Any, transposed: bool)
     return line_sums
 
 
-def flux_kernel(t: KernelTypes) -> Any:
-    """Return the kernel (geometry, x) that stores fluxes of diffused fields at element nodes.
+def node_diffusion(t: KernelTypes) -> tuple[Any, Any]:
+    """Return the kernel and the function of weak Laplacians at element nodes.
 
-    `geometry.fluxes` (E, np*np, 2 or 4) receives the two contravariant fluxes of the height and, if
-    the wind diffuses, W div V and W curl V with the GLL weights W.
+    The kernel (geometry, x) stores in `geometry.fluxes` (E, np*np, 2 or 4) the two contravariant
+    fluxes of the height and, if the wind diffuses, W div V and W curl V with the GLL weights W. The
+    function (geometry, x, e, n, out, done) then computes their weak divergence.
     """
     moves = t.terms.unknowns == 3
     formula = diffusion(t.terms, height=True, wind=moves)
-    derivatives, fluxes = _derivatives(t.np, formula), formula.fluxes
+    derivatives, to_fluxes, rows = _derivatives(t.np, formula), formula.fluxes, formula.rows
+    result, keep = formula.result, keep_fields(formula.fields)
 
     @kernel
     def flux(geo: geometry, x: vector):
         e, n = wp.tid()
         s1, s2 = derivatives(geo, x, x, 0, e, n)
-        r1, r2 = fluxes(geo, s1, s2, e, n)
+        r1, r2 = to_fluxes(geo, s1, s2, e, n)
         geo.fluxes[e, n, 0] = r1[0]
         geo.fluxes[e, n, 1] = r2[0]
         if wp.static(moves):
             geo.fluxes[e, n, 2] = r1[1]
             geo.fluxes[e, n, 3] = r1[2]
-
-    return flux
-
-
-def node_diffusion(t: KernelTypes) -> Any:
-    """Return the function (geometry, x, e, n, out, done): weak divergence of `geometry.fluxes`."""
-    moves = t.terms.unknowns == 3
-    formula = diffusion(t.terms, height=True, wind=moves)
-    rows, result, keep = formula.rows, formula.result, keep_fields(formula.fields)
 
     @func
     def fluxes(geo: geometry, a: vector, x: vector, at: int, e: int, n: int):
@@ -122,4 +115,4 @@ def node_diffusion(t: KernelTypes) -> Any:
         t1, t2 = line_sums(geo, x, x, 0, e, n)
         keep(result(geo, t1, t2, e, n, out), e, n, 0, out)
 
-    return diffuse
+    return flux, diffuse

@@ -79,7 +79,19 @@ class PointwiseSum:
 def pointwise_sum(unknowns: int, point: Pointwise) -> PointwiseSum:
     """Return the device functions for the sum of these terms."""
     last, coefficients = unknowns - 1, _coefficients(point.terms)
-    structure: Any = Name(lambda of: _structure(unknowns, of.real, point, coefficients.find(of)))
+
+    @Name
+    def structure(of: Any) -> Any:
+        array, terms = wp.array(dtype=of.real), coefficients.find(of)
+        members = {
+            "coriolis": point.rotation and array,
+            "forcing": point.forcing and array,
+            "base": point.needs_base and array,
+            "wind": unknowns == 1 and terms is not None and array,
+            "terms": terms is not None and terms,
+        }
+        return struct_of("Pointwise", members)
+
     wind, depth = (_rates_of(kind, unknowns, point, structure) for kind in ("wind", "depth"))
     on_depth = point.forcing or any(term.depth for term in point.terms)
     on_wind = point.forcing or point.rotation or any(term.wind for term in point.terms)
@@ -95,19 +107,6 @@ def pointwise_sum(unknowns: int, point: Pointwise) -> PointwiseSum:
         return r
 
     return PointwiseSum(structure, wind, depth, add)
-
-
-def _structure(unknowns: int, real: Any, point: Pointwise, terms: Any) -> Any:
-    vector = wp.array(dtype=real)
-    optional = {
-        "coriolis": (point.rotation, vector),
-        "forcing": (point.forcing, vector),
-        "base": (point.needs_base, vector),
-        "wind": (unknowns == 1 and terms is not None, vector),
-        "terms": (terms is not None, terms),
-    }
-    members = {name: kind for name, (wanted, kind) in optional.items() if wanted}
-    return struct_of("Pointwise", members)
 
 
 @functools.cache

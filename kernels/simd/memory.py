@@ -67,23 +67,15 @@ def _load_nodes(register: Register, given: Any) -> Any:
     `lanes` numbers each as Warp's would.
     """
     lanes = register.lanes
-    code = f"""
-        const auto at = x.data + offset;
-        const run r = node.c[0] < 0 ? *runs(x.data + (offset + ~node.c[0]))
-            : run{{{", ".join(f"at[node.c[{lane}]]" for lane in range(lanes))}}};
-        return as_value(r);
-    """
-    if given is not register.real:
-        code = f"""
-            const auto at = x.data + offset;
-            typedef wp::{given.__name__} other;
-            typedef other others __attribute__((ext_vector_type({lanes}), aligned(sizeof(other))));
-            const others r = node.c[0] < 0 ? *reinterpret_cast<const others*>(at + ~node.c[0])
-                : others{{{", ".join(f"at[node.c[{lane}]]" for lane in range(lanes))}}};
-            return as_value(__builtin_convertvector(r, run));
-        """
 
-    @Register.func_native(code if lanes > 1 else "return number(x.data[offset + node]);")
+    @Register.func_native(f"""
+        typedef wp::{given.__name__} other;
+        typedef other others __attribute__((ext_vector_type({lanes}), aligned(sizeof(other))));
+        const auto at = x.data + offset, run_at = x.data + (offset + ~node.c[0]);
+        const others r = node.c[0] < 0 ? *reinterpret_cast<const others*>(run_at)
+            : others{{{", ".join(f"at[node.c[{lane}]]" for lane in range(lanes))}}};
+        return as_value(__builtin_convertvector(r, run));
+    """ if lanes > 1 else "return number(x.data[offset + node]);")  # fmt: skip
     def load_nodes(x: wp.array(dtype=given), offset: int, node: index) -> value: ...
 
     return load_nodes.find(register)
