@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.kernels.simd.sums import tree
 from swe_sphere.mesh.partition import Part
 from swe_sphere.operators.launch import Launcher
@@ -36,11 +37,11 @@ class Chunks:
         self._branches = [branches(*ends[rank : rank + 2]) for rank in range(comm.size)]
         self._trees = functools.cache(self._build_trees)
 
-    def room(self, width: int) -> NDArray[np.float64]:
+    def room(self, width: int) -> Array:
         """Return the array (count, width) to fill with sums over each chunk of this rank."""
         return self._trees(width)[0][0]
 
-    def total(self, width: int) -> NDArray[np.float64]:
+    def total(self, width: int) -> Array:
         """Return the sums (width,) of `room(width)` over all ranks, valid until the next call."""
         (mine, add_up_mine), (everything, add_up) = self._trees(width)
         add_up_mine.launch()
@@ -48,10 +49,10 @@ class Chunks:
         sent = mine.reshape(-1)[: counts[self._comm.rank]]
         self._comm.gather(sent, counts, everything.reshape(-1))
         add_up.launch()
-        total: NDArray[np.float64] = everything[0]
+        total: Array = everything[0]
         return total
 
-    def _build_trees(self, width: int) -> "list[tuple[NDArray[np.float64], wp.Launch]]":
+    def _build_trees(self, width: int) -> "list[tuple[Array, wp.Launch]]":
         """Return the tree above the chunks of this rank, and the tree above all branches.
 
         Each is a pair of the sums (n, width) and a command that adds them in place: to the sums of

@@ -6,8 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.mesh import Mesh
@@ -101,7 +101,7 @@ class FlowLimitStepper(Stepper):
         cases = [(1.0 - share, part * share) for part in (PARTS if share > 0.0 else (0.0,))]
         cases += [(0.0, share), (0.0, turn)]
 
-        def growth(z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
+        def growth(z_wave: Complex, z_dissipation: Complex) -> Array:
             z, loss = z_wave[..., None], z_dissipation[..., None]
             steps = (cls.propagator(share, waves * z, winds * z, loss) for waves, winds in cases)
             return np.asarray(np.max([largest_eigenvalue(s) for s in steps], axis=0))

@@ -6,8 +6,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError
@@ -71,7 +71,7 @@ class ImexStepper(Stepper):
         return replace(at_start, wave=wave)
 
     @classmethod
-    def growth(cls, z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
+    def growth(cls, z_wave: Complex, z_dissipation: Complex) -> Array:
         """Return the largest amplification factors for implicit waves faster than explicit ones."""
         of_faster = np.geomspace(cls.faster, MUCH_FASTER, 40)
         factors = np.concatenate([-of_faster, [0.0], of_faster])
@@ -80,13 +80,11 @@ class ImexStepper(Stepper):
 
     @classmethod
     @abstractmethod
-    def split_growth(
-        cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex
-    ) -> NDArray[np.float64]:
+    def split_growth(cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex) -> Array:
         """Return the largest amplification factors, given also implicit eigenvalues times dt."""
 
 
-def scaled_rows(stack: wp.array, factors: NDArray[np.float64]) -> list[Any]:
+def scaled_rows(stack: wp.array, factors: Array) -> list[Any]:
     """Return the rows of a stack, each followed by its factor, for `Launcher.combine`."""
     return [each for row, c in enumerate(factors) if c != 0.0 for each in (stack[row], float(c))]
 
@@ -170,9 +168,7 @@ class ImexRungeKutta(ImexStepper):
         self.space.copy(self._stage, self.state)
 
     @classmethod
-    def split_growth(
-        cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex
-    ) -> NDArray[np.float64]:
+    def split_growth(cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex) -> Array:
         a_e, a_i = (tableau(rows, len(cls.b)) for rows in (cls.explicit, cls.implicit))
         b = np.array(cls.b)
         return runge_kutta_growth(b, (a_e, z_wave + z_dissipation), (a_i, z_implicit))

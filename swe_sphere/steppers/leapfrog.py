@@ -4,8 +4,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.kernels.vectors import leapfrog
 from swe_sphere.steppers.imex_runge_kutta import ARK2, ImexStepper
@@ -86,7 +86,7 @@ class Leapfrog(Stepper):
         return 1 if filtered else super().order_in(model, **options)
 
     @classmethod
-    def growth(cls, z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
+    def growth(cls, z_wave: Complex, z_dissipation: Complex) -> Array:
         return filtered_growth(1.0 + 2.0 * z_dissipation, 2.0 * z_wave)
 
 
@@ -139,14 +139,12 @@ class SemiImplicit(ImexStepper, Leapfrog):
         return self._change, 1.0
 
     @classmethod
-    def split_growth(
-        cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex
-    ) -> NDArray[np.float64]:
+    def split_growth(cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex) -> Array:
         old = (1.0 + z_implicit + 2.0 * z_dissipation) / (1.0 - z_implicit)
         return filtered_growth(old, 2.0 * z_wave / (1.0 - z_implicit))
 
 
-def filtered_growth(old: Complex, new: Complex) -> NDArray[np.float64]:
+def filtered_growth(old: Complex, new: Complex) -> Array:
     """Return the largest growth of the scheme x+ = old x- + new x with the filter.
 
     Its levels are rows of weights of (x-, x), which a step with the filter's displacement D =

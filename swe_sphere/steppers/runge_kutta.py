@@ -5,8 +5,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.simd.stages import mix
@@ -67,7 +67,7 @@ class RungeKutta(Stepper):
             rhs(point, self.time + offset, level)
 
     @classmethod
-    def _sums(cls) -> Iterator[tuple[NDArray[np.float64], float]]:
+    def _sums(cls) -> Iterator[tuple[Array, float]]:
         """Yield for each row the weights of the levels above it, and its share of the last slope.
 
         If it has no share, the row's level contains all of that slope, for the rows below. Raises
@@ -81,7 +81,7 @@ class RungeKutta(Stepper):
             yield np.linalg.solve(told[:i, :i].T, row[:i]), row[i]
 
     @classmethod
-    def growth(cls, z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
+    def growth(cls, z_wave: Complex, z_dissipation: Complex) -> Array:
         """Return |R(z)| for the sum z of both parts."""
         a = tableau(cls.a, len(cls.b))
         return runge_kutta_growth(np.array(cls.b), (a, z_wave + z_dissipation))

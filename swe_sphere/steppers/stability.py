@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
 
@@ -23,7 +24,7 @@ ROUNDING = 1e-6
 
 
 def largest_step(
-    growth: Callable[[Complex, Complex], NDArray[np.float64]],
+    growth: Callable[[Complex, Complex], Array],
     wave: float,
     dissipation: float,
     reach: float,
@@ -63,7 +64,7 @@ def largest_step(
     return float(low)
 
 
-def tableau(rows: Sequence[Sequence[float]], stages: int) -> NDArray[np.float64]:
+def tableau(rows: Sequence[Sequence[float]], stages: int) -> Array:
     """Return the matrix A (stages, stages) of a method from its last rows, filled up with zeros."""
     a = np.zeros((stages, stages))
     for i, row in enumerate(rows, start=stages - len(rows)):
@@ -71,9 +72,7 @@ def tableau(rows: Sequence[Sequence[float]], stages: int) -> NDArray[np.float64]
     return a
 
 
-def checked_tableau(
-    cls: Any, attribute: str, first: int = 0, diagonal: bool = True
-) -> NDArray[np.float64]:
+def checked_tableau(cls: Any, attribute: str, first: int = 0, diagonal: bool = True) -> Array:
     """Return the matrix A of the rows in an attribute of a method with the weights `b`.
 
     Rows begin with stage `first` and end on the diagonal, or before it without `diagonal`. Raises
@@ -92,7 +91,7 @@ def checked_tableau(
 
 
 def check_order(
-    cls: Any, *matrices: NDArray[np.float64], weights: ArrayLike | None = None, order: int = 0
+    cls: Any, *matrices: Array, weights: ArrayLike | None = None, order: int = 0
 ) -> None:
     """Raise ConfigError if a method misses an order condition of its `order`, up to the fifth.
 
@@ -127,7 +126,7 @@ class _Branch(NamedTuple):
     order: int
     density: int
     text: str
-    phi: NDArray[np.float64]
+    phi: Array
 
 
 def _forests(branches: Sequence[_Branch], nodes: int) -> Iterator[tuple[_Branch, ...]]:
@@ -140,15 +139,13 @@ def _forests(branches: Sequence[_Branch], nodes: int) -> Iterator[tuple[_Branch,
                 yield branch, *others
 
 
-def error_constant(a: NDArray[np.float64], b: NDArray[np.float64], order: int) -> float:
+def error_constant(a: Array, b: Array, order: int) -> float:
     """Return |b^T A^p 1 - 1/(p+1)!|, by which R(z) of order p differs from e^z at z^(p+1)."""
     power = np.linalg.matrix_power(a, order).sum(axis=1)
     return float(abs(b @ power - 1.0 / math.factorial(order + 1)))
 
 
-def runge_kutta_growth(
-    b: NDArray[np.float64], *parts: tuple[NDArray[np.float64], Complex]
-) -> NDArray[np.float64]:
+def runge_kutta_growth(b: Array, *parts: tuple[Array, Complex]) -> Array:
     """Return |R|, R = 1 + z b^T (I - sum_k z_k A_k)^-1 1 (Hairer & Wanner 1996, eq. IV.3.2).
 
     b: the weights; parts: matrices A_k, each with its eigenvalues times dt z_k; z = sum z_k.
@@ -161,6 +158,6 @@ def runge_kutta_growth(
     return np.asarray(np.abs(1.0 + sum(stacked) * (stages @ b)))
 
 
-def largest_eigenvalue(step: Complex) -> NDArray[np.float64]:
+def largest_eigenvalue(step: Complex) -> Array:
     """Return the largest modulus of the eigenvalues of matrices (..., n, n)."""
     return np.asarray(np.abs(np.linalg.eigvals(step)).max(axis=-1))

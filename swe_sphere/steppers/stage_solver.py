@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.tracer_equations import MassFlux, mixing_ratios
 from swe_sphere.errors import ConfigError, SolverFailed
@@ -27,14 +28,14 @@ WORTHLESS = 0.3
 causes as much.  A larger number would let them accumulate in float32 with short steps."""
 
 
-def energy_weights(model: Model) -> NDArray[np.float64]:
+def energy_weights(model: Model) -> Array:
     """Return weights (n,) of the energy inner product: area, times g/H for depth, over all area.
 
     With them a norm is in [m s-1], and tolerances are independent of units and planet. The mass hq
     of a tracer counts as depth does, over the largest initial q, and with a prognostic wind by
     `TRACER_SHARE` of that; an accumulated mass flux has no weight.
     """
-    share: NDArray[np.float64] = model.mesh.area / model.mesh.area.sum()
+    share: Array = model.mesh.area / model.mesh.area.sum()
     ratios = mixing_ratios(model.scene, model.mesh).values()
     largest = [float(np.abs(q).max()) or 1.0 for q in ratios]
     if model.scene.wind is not None:

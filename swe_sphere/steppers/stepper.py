@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError, NotCopyable
@@ -334,7 +335,7 @@ class Stepper(Trajectory, ABC):
         return largest_step(cls.growth, wave, dissipation, cls.reach, growth_time=GROWTH_TIME)
 
     @classmethod
-    def growth(cls, z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
+    def growth(cls, z_wave: Complex, z_dissipation: Complex) -> Array:
         """Return the largest growth in a step for eigenvalues times dt of waves and dissipation."""
         raise ConfigError(
             f"stepper {cls.name} defines no `growth(cls, z_wave, z_dissipation)`, from which its"
