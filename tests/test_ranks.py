@@ -25,7 +25,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cubed_sphere import BLOCK
 from swe_sphere.mesh.partition import Partition, curve, whole
 from swe_sphere.operators import DeviceMesh
-from swe_sphere.operators.halo import LEAST
+from swe_sphere.operators.device_mesh import LEAST
 from swe_sphere.ranks.communicator import OF_RANKS, SIZES, Communicator, started_ranks
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS

@@ -22,7 +22,6 @@ from swe_sphere.equations.scene import Scene
 from swe_sphere.equations.spectrum import Spectrum, spectral_radius
 from swe_sphere.equations.tracer_equations import MassFlux, TracerEquations, mixing_ratios
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels.simd.stages import stage_struct
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.replay import Replay
 from swe_sphere.operators.tracers import Limiter
@@ -192,10 +191,7 @@ class Model(DiscreteScene):
         base: array of the state at which the tangent is taken; it is not copied. fluid_only: only
         the rates of wind and depth, also for vectors without tracers. counted: count evaluations.
         """
-        step = None
-        if stage is not None:
-            step = stage_struct(self.device_mesh.real)()
-            step.on, (step.start, step.tau) = True, stage
+        step = None if stage is None else self.device_mesh.stage_at(*stage)
         operations = fluid_operations(self, component, base, step)
         if self.carried is not None and not fluid_only:
             operations += self.carried.operations(component, base, step)

@@ -21,13 +21,15 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cubed_sphere import BLOCK
 from swe_sphere.mesh.partition import Part, Partition, whole
 from swe_sphere.operators.chunks import Chunks
-from swe_sphere.operators.halo import LEAST, Halo, launch_rim_first
+from swe_sphere.operators.halo import Halo
 from swe_sphere.operators.launch import Cuts, Launcher, Span
 from swe_sphere.operators.strips import Strips
 from swe_sphere.ranks.communicator import Communicator
 
 ALONE = Communicator()
 REALS = {"float64": wp.float64, "float32": wp.float32}
+LEAST = 32
+"""Smallest number of groups away from the rim for which two launches pay off."""
 
 
 @dataclass(frozen=True)
@@ -152,6 +154,12 @@ class DeviceMesh(NotCopyable):
         """Stage that is not `on`: rates are stored unchanged."""
         return stage_struct(self.real)()
 
+    def stage_at(self, start: wp.array, tau: float) -> Any:
+        """Return the stage that stores start + tau rate."""
+        stage = stage_struct(self.real)()
+        stage.on, stage.start, stage.tau = True, start, tau
+        return stage
+
     @functools.cached_property
     def inverse_area(self) -> wp.array:
         """One over the nodal area (N,) [m-2]."""
@@ -251,15 +259,24 @@ class DeviceMesh(NotCopyable):
     def sweep(self, launch: Launcher, field: Field) -> Callable[..., None]:
         """Return the function (kernel, threads, 0, *inputs) that launches over all elements.
 
-        The kernel stores its results in `field`; the 0 is its first group of elements. The results
-        are exchanged between ranks, and elements away from the rim are computed while messages are
-        on their way.
+        The kernel stores its results in `field`; the 0 is its first group of elements. Several
+        ranks launch the groups on the rim first, and exchange their results while the groups away
+        from it are computed.
         """
-        if self.halos:
-            away = self.part.away // self.lanes
-            groups = self.groups, away if away >= LEAST else 0
-            return functools.partial(launch_rim_first, self.halos[field.flat.ptr], *groups, launch)
-        return functools.partial(launch, cuts=self.cuts)
+        if not self.halos:
+            return functools.partial(launch, cuts=self.cuts)
+        halo, away = self.halos[field.flat.ptr], self.part.away // self.lanes
+        away = away if away >= LEAST else 0
+
+        def launch_rim_first(kernel: Any, threads: Any, _: int, *arguments: Any) -> None:
+            each = threads[1:] if isinstance(threads, tuple) else ()
+            launch(kernel, (self.groups - away, *each), away, *arguments)
+            halo.start()
+            if away:
+                launch(kernel, (away, *each), 0, *arguments)
+            halo.wait()
+
+        return launch_rim_first
 
     @property
     def cuts(self) -> Cuts | None:

@@ -110,24 +110,3 @@ class Halo:
         if self._on_gpu:
             wp.synchronize_device(self._device)  # the device may still be packing
         self._messages.start()
-
-
-LEAST = 32
-"""Smallest number of groups away from the rim for which two launches pay off."""
-
-
-def launch_rim_first(
-    halo: Halo, groups: int, away: int, launch: Launcher, kernel: Any, threads: Any, _: int,
-    *arguments: Any,
-) -> None:  # fmt: skip
-    """Launch a kernel over groups of elements: those from `away` on, then the first `away`.
-
-    The groups from `away` on are on the rim: their results are exchanged while the others are
-    computed. The first argument of the kernel is the first group of a launch.
-    """
-    each = threads[1:] if isinstance(threads, tuple) else ()
-    launch(kernel, (groups - away, *each), away, *arguments)
-    halo.start()
-    if away:
-        launch(kernel, (away, *each), 0, *arguments)
-    halo.wait()

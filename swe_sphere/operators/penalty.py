@@ -11,7 +11,6 @@ from swe_sphere.kernels.assembly import assemble_blocks, finish_rates
 from swe_sphere.kernels.diffusion import derivatives, weak_form
 from swe_sphere.kernels.local import field_kernel
 from swe_sphere.kernels.pointwise import NO_POINTWISE, pointwise_sum
-from swe_sphere.kernels.simd.stages import stage_struct
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.diagnose import assemble
 from swe_sphere.operators.launch import REMEMBERED, Launcher, in_runs
@@ -77,8 +76,7 @@ class EdgePenaltyOperator:
         if key not in self._stages:
             if len(self._stages) >= REMEMBERED:
                 self._stages.clear()
-            stage = stage_struct(self._mesh.real)()
-            stage.on, stage.start, stage.tau = True, start, factor
+            stage = self._mesh.stage_at(start, factor)
             geometry = self._mesh.geometry(self._kind, self._given | {"stage": stage})
             self._stages[key] = stage, geometry
         return self._stages[key]

@@ -8,7 +8,7 @@ import warp as wp
 
 from swe_sphere.kernels import Terms, specialise, tendency_kernels
 from swe_sphere.kernels.assembly import assembly_kernels
-from swe_sphere.kernels.pointwise import NO_POINTWISE, PointTerm, Pointwise, pointwise_sum
+from swe_sphere.kernels.pointwise import NO_POINTWISE, Pointwise, pointwise_sum
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher, in_runs
 
@@ -86,20 +86,16 @@ def fill(structure: Any, parameters: Mapping[str, Any], point: Pointwise) -> Any
 
     The parameter with the name of a term holds the term's coefficients.
     """
-    filled = structure()
+    terms: dict[str, Any] = {}
+    for term in reversed(point.terms):
+        terms = {"mine": parameters[term.name], "others": terms}
+    return filled(structure, {**parameters, "terms": terms})
+
+
+def filled(structure: Any, given: Mapping[str, Any]) -> Any:
+    """Return an instance of the structure with members by name, structures in it from mappings."""
+    made = structure()
     for name, member in structure.vars.items():
-        given = parameters.get(name)
-        if name == "terms":
-            given = _fill_terms(member.type, parameters, point.terms)
-        setattr(filled, name, given)
-    return filled
-
-
-def _fill_terms(structure: Any, parameters: Mapping[str, Any], terms: tuple[PointTerm, ...]) -> Any:
-    filled = structure()
-    filled.mine = structure.vars["mine"].type()
-    for name in structure.vars["mine"].type.vars:
-        setattr(filled.mine, name, parameters[terms[0].name][name])
-    if terms[1:]:
-        filled.others = _fill_terms(structure.vars["others"].type, parameters, terms[1:])
-    return filled
+        value = given.get(name)
+        setattr(made, name, filled(member.type, value) if isinstance(value, Mapping) else value)
+    return made

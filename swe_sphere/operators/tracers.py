@@ -11,7 +11,6 @@ from swe_sphere.kernels.assembly import assemble_blocks
 from swe_sphere.kernels.dynamics import transport
 from swe_sphere.kernels.limiter import fill_rooms, limit_elements, limit_sphere, sum_rooms
 from swe_sphere.kernels.local import field_kernel
-from swe_sphere.kernels.simd.stages import stage_struct
 from swe_sphere.kernels.tracers import correct, crossings, follow, mixing_ratio
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher, in_runs
@@ -132,25 +131,20 @@ class Limiter:
             self._replay(state.ptr, self._limit, state)
 
     def _limit(self, state: wp.array) -> None:
-        mesh, size, (_, first) = self._mesh, self._mesh.size, self._offsets
+        mesh, chunks, (_, first) = self._mesh, self._mesh.chunks, self._offsets
         mesh.sweep(self._launch, self._local)(
             self._inside, mesh.groups, 0, self._geometry, state, *self._offsets, self._count,
             *self._bounds, self._local.values,
         )  # fmt: skip
-        if (added := self._added.get(state.ptr)) is None:
-            added = self._added[state.ptr] = stage_struct(mesh.real)()
-            added.on, added.start, added.tau = True, state, 1.0
+        if state.ptr not in self._added:
+            self._added[state.ptr] = mesh.stage_at(state, 1.0)
         self._add(
-            self._places, mesh.inverse_area, mesh.lanes, size, self._count, first,
-            self._local.flat, added, state,
+            self._places, mesh.inverse_area, mesh.lanes, mesh.size, self._count, first,
+            self._local.flat, self._added[state.ptr], state,
         )  # fmt: skip
-        self._limit_sphere(state)
-
-    def _limit_sphere(self, state: wp.array) -> None:
-        """Fill the room over the sphere with the excess of the elements."""
-        size, chunks = self._mesh.size, self._mesh.chunks
+        # the excess of the elements fills the room over the sphere
         self._launch(
-            self._sums, (self._count, chunks.count), self._area, state, *self._offsets, size,
+            self._sums, (self._count, chunks.count), self._area, state, *self._offsets, mesh.size,
             chunks.spans, *self._bounds, self._partial,
         )  # fmt: skip
         if self._everything is not self._partial:
@@ -159,7 +153,7 @@ class Limiter:
             self._everything.assign(chunks.total(3 * self._count).reshape(1, -1, 3))
         blocks = self._everything.shape[0]
         self._launch(self._parts, self._count, self._everything, blocks, self._part)
-        self._fill(*self._offsets, size, self._count, *self._bounds, self._part, state)
+        self._fill(*self._offsets, mesh.size, self._count, *self._bounds, self._part, state)
 
 
 class Crossings:
@@ -230,8 +224,7 @@ class MassSteps:
 
     def _stage(self, state: wp.array, tau: float) -> Any:
         if (state.ptr, tau) not in self._stages:
-            stage = self._stages[state.ptr, tau] = stage_struct(self._mesh.real)()
-            stage.on, stage.start, stage.tau = True, state, tau
+            self._stages[state.ptr, tau] = self._mesh.stage_at(state, tau)
         return self._stages[state.ptr, tau]
 
 

@@ -22,7 +22,7 @@ from swe_sphere.kernels.local import field_kernel, tendency_kernels
 from swe_sphere.kernels.pointwise import pointwise_sum
 from swe_sphere.kernels.simd.stages import levels_struct
 from swe_sphere.operators.launch import REMEMBERED, in_runs
-from swe_sphere.operators.tendency import fill
+from swe_sphere.operators.tendency import fill, filled
 from swe_sphere.steppers.flow_limit import NOTHING_BUT_WIND, FlowLimitStepper, wind_share
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.steppers.stability import Complex
@@ -153,10 +153,8 @@ class Passes:
             now, past = levels
             given = {"now": now, "past": past, "out": out, "tau": tau, "weights": weights}
             given |= {"mixes": mixes, "carried": self.carried, "pushed": self.pushed}
-            step = levels_struct(self._real)()
-            for name, value in (given | {"loss": self._loss, "base": self._shift}).items():
-                setattr(step, name, value)
-            self._steps[key] = step
+            given |= {"loss": self._loss, "base": self._shift}
+            self._steps[key] = filled(levels_struct(self._real), given)
         return self._steps[key]
 
     def prepare(self, levels: Levels, masses: Any, winds: Any) -> None:

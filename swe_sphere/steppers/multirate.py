@@ -6,8 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError
@@ -19,8 +19,6 @@ from swe_sphere.steppers.flow_limit import FlowLimitStepper, strongest_advection
 from swe_sphere.steppers.imex_runge_kutta import scaled_rows
 from swe_sphere.steppers.stability import Complex, Rows, check_order, tableau
 from swe_sphere.steppers.stepper import read_methods
-
-Matrix = NDArray[np.float64]
 
 STAGES = 3
 ANGLE = 1.2
@@ -92,23 +90,18 @@ class InfinitesimalStep(FlowLimitStepper):
             model.tendency(stage, self.time + self._offsets[i], self._slopes[i])
             combine(self._nothing, *self._starts[i], out=self._moved)
             combine(self._nothing, *self._rates[i], out=self._rate)
-            self._move(self._durations[i], self._steps[i])
+            if self._fast is None:
+                combine(self._moved, self._rate, self._durations[i], out=self._moved)
+            else:
+                rest = model.point_of_tangent(x)
+                self._fast.move(rest, self._rate, self._durations[i], self._steps[i], x)
+                model.counters["fast_steps"] += self._steps[i]
             combine(self._moved, *self._means[i], out=change)
             stage = self._stage if i + 1 < STAGES else x
             combine(x, change, 1.0, out=stage)
 
-    def _move(self, duration: float, steps: int) -> None:
-        """Integrate the waves and the rate over a duration [s]."""
-        if self._fast is None:
-            moved, rate = self._moved, self._rate
-            self.model.launch.combine(moved, rate, duration, out=moved)
-            return
-        rest = self.model.point_of_tangent(self.state)
-        self._fast.move(rest, self._rate, duration, steps, self.state)
-        self.model.counters["fast_steps"] += steps
-
     @classmethod
-    def _matrices(cls) -> tuple[Matrix, Matrix, Matrix]:
+    def _matrices(cls) -> tuple[Array, Array, Array]:
         alpha, beta, gamma = (tableau(rows, STAGES) for rows in (cls.alpha, cls.beta, cls.gamma))
         return alpha, beta, gamma
 
@@ -141,7 +134,7 @@ class InfinitesimalStep(FlowLimitStepper):
         return np.asarray(x + changes[-1])
 
 
-def substep_counts(beta: Matrix, angle: float) -> list[int]:
+def substep_counts(beta: Array, angle: float) -> list[int]:
     """Return the sub-steps of each stage for waves that turn by `angle` radians in a step."""
     return [max(1, math.ceil(d * angle / ANGLE)) for d in beta.sum(axis=1)]
 

@@ -23,7 +23,7 @@ from swe_sphere.operators import sparse
 from swe_sphere.operators.device_mesh import Field
 from swe_sphere.operators.halo import Halo
 from swe_sphere.operators.lane_matrices import SlicedMatrix, TallMatrix, vector
-from swe_sphere.operators.schur import SchurMatrix, SchurOperator
+from swe_sphere.operators.schur import SchurMatrix, SchurOperator, Step
 from swe_sphere.operators.sparse import ElementSpace
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
 
@@ -133,6 +133,8 @@ class CoarsePart:
         self._mesh, self._launch, self._here = mesh, launch, mesh.part.elements
         self._numbers = _numbers(spaces)
         self._mine = np.unique(self._numbers[self._here])
+        self._is_mine = np.zeros(self._numbers.max() + 1, dtype=bool)
+        self._is_mine[self._mine] = True
         self.functions = self._mine
         """Numbers (n,) of the functions of this rank, ascending."""
         self._away: dict[int, Integers] = {}
@@ -142,7 +144,7 @@ class CoarsePart:
             self.functions = np.unique(reach[rows].indices)
             for rank, elements in enumerate(mesh.comm.tell_all(self._here)):
                 self._owner[elements] = rank
-            needed = np.flatnonzero(self._is_mine()[self._numbers].any(axis=1))
+            needed = np.flatnonzero(self._is_mine[self._numbers].any(axis=1))
             others = set(self._owner[needed].tolist()) - {mesh.comm.rank}
             self._away = {r: needed[self._owner[needed] == r] for r in sorted(others)}
         values = np.concatenate([space.values for space in spaces[:3]], axis=1)
@@ -190,7 +192,7 @@ class CoarsePart:
 
     def square(self, matrix: Any) -> scipy.sparse.csr_array:
         """Return rows and columns of this rank's functions, without entries in rows of the ring."""
-        kept = scipy.sparse.diags_array(self._is_mine()[self.functions].astype(matrix.dtype))
+        kept = scipy.sparse.diags_array(self._is_mine[self.functions].astype(matrix.dtype))
         square: scipy.sparse.csr_array = (kept @ self.rows(matrix)[:, self.functions]).tocsr()
         square.eliminate_zeros()
         return square
@@ -234,7 +236,7 @@ class CoarsePart:
 
         A missing contribution is -1, as for functions of the ring; a fourth after three is `size`.
         """
-        element, slot = np.nonzero(self._is_mine()[self._numbers])
+        element, slot = np.nonzero(self._is_mine[self._numbers])
         row = self.here(self._numbers[element, slot])
         order = np.argsort(row, kind="stable")
         counts = np.bincount(row, minlength=self.functions.size)
@@ -244,11 +246,6 @@ class CoarsePart:
         odd = np.flatnonzero(counts % CONTRIBUTORS == 3)
         table[odd, counts[odd]] = size
         return table
-
-    def _is_mine(self) -> NDArray[np.bool_]:
-        is_mine = np.zeros(self._numbers.max() + 1, dtype=bool)
-        is_mine[self._mine] = True
-        return is_mine
 
 
 def _numbers(spaces: list[ElementSpace]) -> Integers:
@@ -260,8 +257,6 @@ def _numbers(spaces: list[ElementSpace]) -> Integers:
     )
     return np.concatenate([smooth, both, one + other], axis=1, dtype=np.int32)
 
-
-Step = tuple[float, float, float]
 
 SWEEPS = 6
 """Number of Chebyshev steps on the coarse functions.  After some days of a run the computational
