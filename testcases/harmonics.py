@@ -136,8 +136,7 @@ class GaussGrid:
         sine, _ = np.polynomial.legendre.leggauss(self.degree + 1)
         count = 2 * self.degree + 2
         lon = 2.0 * np.pi * np.arange(count) / count
-        around, up = np.meshgrid(lon, np.arcsin(sine))
-        return around, up
+        return np.meshgrid(lon, np.arcsin(sine))
 
     def coefficients(self, field: Array) -> Complex:
         """Return the coefficients (degree + 1, degree + 1) of a field on the grid."""

@@ -188,9 +188,8 @@ class Analysis:
         frames = (self.frames.fields(k, names) for k in range(self.frames.times.size))
         rows = [integrals(self.mesh, planet, **frame) for frame in frames]
         about = VARIABLES["series"]
-        return self._series(
-            {name: ("time", [row[name] for row in rows], about[name]) for name in rows[0]}
-        )
+        values = {name: ("time", [row[name] for row in rows], about[name]) for name in rows[0]}
+        return self._series(values, self.frames.times)
 
     def error_norms(self, other: xr.Dataset, fields: Iterable[str] = ("h", "wind")) -> xr.Dataset:
         """Return l1, l2 and linf of this run against `other`, the reference, at all common times.
@@ -222,7 +221,8 @@ class Analysis:
                 errors = norms(theirs.mesh.area, here, derive(right, field))
                 for norm, value in errors.items():
                     found.setdefault(f"{norm}_{field}", []).append(value)
-        return self._series({k: ("time", v) for k, v in found.items()}, [k for k, _ in pairs])
+        values = {name: ("time", numbers) for name, numbers in found.items()}
+        return self._series(values, self.frames.times[[k for k, _ in pairs]])
 
     def plot(
         self,
@@ -263,9 +263,8 @@ class Analysis:
         """The frames as a source of pictures."""
         return Frames(self._data, self.mesh)
 
-    def _series(self, values: dict[str, Any], which: list[int] | None = None) -> xr.Dataset:
-        """Return values by name at the times of all frames, or of those with indices `which`."""
-        times = self.frames.times[slice(None) if which is None else which]
+    def _series(self, values: dict[str, Any], times: Array) -> xr.Dataset:
+        """Return values by name at times [s]."""
         about = {"long_name": "time since the start", "units": "s"}
         return xr.Dataset(values, {"time": ("time", times, about)})
 

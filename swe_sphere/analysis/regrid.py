@@ -44,8 +44,7 @@ class Grid:
     @property
     def points(self) -> tuple[Array, Array]:
         """Longitude and latitude (M, K) [rad] of all points."""
-        lon, lat = np.meshgrid(self.lon, self.lat)
-        return lon, lat
+        return np.meshgrid(self.lon, self.lat)
 
 
 def parse_grid(text: str) -> Grid:

@@ -178,7 +178,7 @@ class Sweep:
                 self._search(self._everyone)
             else:
                 self._grid([each.grid() for each in self._everyone])
-            for integrator in self._everyone if plan.find_limit else ():
+            for integrator in self._everyone:
                 self._find_limit(integrator)
 
     def _parts(self) -> list[Part]:
@@ -196,10 +196,8 @@ class Sweep:
         integrator = self._everyone[number]
         if place is not None:
             self._grid([[integrator.grid()[place]]])
-            return
-        if self._plan.target_error:
+        else:
             self._search([integrator])
-        if self._plan.find_limit:
             self._find_limit(integrator)
 
     def _grid(self, grids: list[list[RunSpec]]) -> None:
@@ -235,7 +233,8 @@ class Sweep:
         return len(times) < (wanted if agree else MOST_REPEATS * wanted)
 
     def _find_limit(self, integrator: Integrator) -> None:
-        if integrator.refusal is not None:
+        """Search for the longest stable step, if the plan asks for it."""
+        if not self._plan.find_limit or integrator.refusal is not None:
             return
         study = self._study
         limit, gravity = integrator.stable_dt, integrator.space.limits["gravity_limit"]

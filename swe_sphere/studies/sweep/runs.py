@@ -6,7 +6,7 @@ import inspect
 import math
 import sys
 import uuid
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property, reduce
@@ -238,8 +238,6 @@ class Study:
         """The longest time [s] of which all report times are multiples, to the millisecond."""
         self.slow = scene.sheds_waves if plan.slow is None else plan.slow
         """True if errors of the slow flow are computed."""
-        self.files = reference_files(plan, scene, self.report_days)
-        """Independent solutions by report day; without any, the exact solution counts, if known."""
 
     def at(self, ne: int, np: int, precision: str = "float64") -> Discretisation:
         """Return the scene on the mesh and in the precision, built at the first request."""
@@ -291,6 +289,30 @@ class Study:
         return (str(files), *(["slow flow"] if self.slow else []))
 
     @cached_property
+    def files(self) -> dict[float, Path]:
+        """Files of solutions by report day; without any, the exact solution counts, if known.
+
+        They are the user's, or the package's for scenes without exact solution. Raises ConfigError
+        for a file that cannot be read or is of no report day.
+        """
+        if not self.plan.reference:
+            shipped = {day: shipped_solution(self.scene, day) for day in self.report_days}
+            return {day: path for day, path in shipped.items() if path}
+        found = {}
+        for path in self.plan.reference:
+            time = Reference(path).nearest(None)
+            time = self.days * DAY if time is None else time
+            near = [day for day in self.report_days if abs(day * DAY - time) < 1.0]
+            if not near:
+                days = ", ".join(f"{day:g}" for day in self.report_days)
+                raise ConfigError(
+                    f"reference: {path} is of day {time / DAY:g}, errors are taken at day {days}:"
+                    " add it to report-days"
+                )
+            found[near[0]] = path
+        return found
+
+    @cached_property
     def sources(self) -> dict[str, str]:
         """Fingerprints of all sources of every run except its settings, by name.
 
@@ -333,23 +355,21 @@ class Integrator:
         return f"{method}, ne{config.ne} np{config.np} {config.precision}"
 
     @cached_property
-    def _checked(self) -> tuple[dict[str, object], str | None]:
-        try:
-            options = stepper_options(self.kind, self.config)
-            _ = self.stable_dt
-            return options, None
-        except ConfigError as error:
-            return {"preconditioner": self.config.preconditioner}, in_one_line(error)
-
-    @property
-    def options(self) -> dict[str, object]:
-        """Options of the stepper; as requested if it cannot be built."""
-        return self._checked[0]
-
-    @property
     def refusal(self) -> str | None:
         """Reason why the stepper cannot run this scene, if any."""
-        return self._checked[1]
+        try:
+            stepper_options(self.kind, self.config)
+            _ = self.stable_dt
+        except ConfigError as error:
+            return in_one_line(error)
+        return None
+
+    @cached_property
+    def options(self) -> dict[str, object]:
+        """Options of the stepper; as requested if it cannot be built."""
+        if self.refusal is not None:
+            return {"preconditioner": self.config.preconditioner}
+        return stepper_options(self.kind, self.config)
 
     @cached_property
     def sources(self) -> dict[str, str]:
@@ -438,29 +458,6 @@ class RunSpec:
         chosen = self.integrator.options.get("preconditioner") or self.config.preconditioner
         named = kind.name if is_user_file(stepper) else stepper
         return self.config.model_copy(update={"stepper": named, "preconditioner": chosen})
-
-
-def reference_files(
-    plan: SweepPlan, scene: Scene, report_days: Sequence[float]
-) -> dict[float, Path]:
-    """Return files by report day: the user's, or the package's for scenes without exact solution.
-
-    Raises ConfigError for a file that cannot be read or is of no report day.
-    """
-    shipped = {day: shipped_solution(scene, day) for day in report_days}
-    found = {} if plan.reference else {day: path for day, path in shipped.items() if path}
-    for path in plan.reference:
-        time = Reference(path).nearest(None)
-        time = report_days[-1] * DAY if time is None else time
-        near = [day for day in report_days if abs(day * DAY - time) < 1.0]
-        if not near:
-            days = ", ".join(f"{day:g}" for day in report_days)
-            raise ConfigError(
-                f"reference: {path} is of day {time / DAY:g}, errors are taken at day {days}: add"
-                " it to report-days"
-            )
-        found[near[0]] = path
-    return found
 
 
 def users_methods(steppers: Iterable[str], preconditioners: Iterable[str]) -> dict[str, str]:
