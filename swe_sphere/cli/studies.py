@@ -182,7 +182,7 @@ def ensemble(
         derive(dict.fromkeys((*config.fields, "b"), np.zeros(1)), field)
     place = out or Path(f"{Path(config.scene).stem}_ensemble")
     for path in () if config.overwrite else spread_files(field, place):
-        check_ours(path, *MARKS, flag="out", what="is not of an ensemble")
+        check_ours(path, *MARKS, what="is not of an ensemble")
     members = run_members(config, _seeds(seeds), place, typer.echo)
     found = spread(members, field)
     typer.echo(f"{'day':>6}  {'spread':>10}  growth [1/day]")

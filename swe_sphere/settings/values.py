@@ -55,17 +55,15 @@ def read_settings(given: object) -> tuple[Setting, ...]:
     Raises ConfigError for a text or a mapping of another form.
     """
     try:
-        if not isinstance(given, Mapping):
-            items: Any = [given] if isinstance(given, str) else given
-            return tuple(_setting(item) for item in items)
-        found = []
-        for key, value in given.items():
-            if isinstance(value, Mapping):
-                found += [Setting(str(key), name, _plain(of)) for name, of in value.items()]
-            else:
-                owner, parameter = str(key).split(".", 1)
-                found.append(Setting(owner, parameter, _plain(value)))
-        return tuple(found)
+        items: Any = [given] if isinstance(given, str) else given
+        if isinstance(given, Mapping):
+            items = []
+            for key, value in given.items():
+                if isinstance(value, Mapping):
+                    items += [(str(key), name, of) for name, of in value.items()]
+                else:
+                    items.append((*str(key).split(".", 1), value))
+        return tuple(map(_setting, items))
     except (TypeError, ValueError):
         choice = "a list of EFFECT.PARAMETER=VALUE"
         if isinstance(given, Mapping):

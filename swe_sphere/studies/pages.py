@@ -53,15 +53,15 @@ def _environment(package: str, escape: bool) -> Environment:
     return made
 
 
-def check_ours(path: Path, *marks: str, flag: str = "out", what: str = "is not of a sweep") -> None:
+def check_ours(path: Path, *marks: str, what: str = "is not of a sweep") -> None:
     """Raise ConfigError if a file would be replaced that has none of the marks of its kind.
 
-    marks: by default `MARK`. flag: the option of the file. what: text of the error after the path.
+    marks: by default `MARK`. what: text of the error after the path.
     """
     with clear_errors(f"cannot write to {path}"):
         old = contents_of(path) if path.exists() else None
     if old is not None and not any(mark.encode() in old for mark in marks or (MARK,)):
-        raise ConfigError(f"{flag}: {path} {what}, and would be replaced: choose another")
+        raise ConfigError(f"out: {path} {what}, and would be replaced: choose another")
 
 
 def write_made(out: Path, files: Mapping[str, str]) -> None:

@@ -149,10 +149,9 @@ class Sweep:
         store = runs_of(folder, f"-{os.getpid()}" if beside else "")
         if not beside:
             sources = study.sources | users_methods(plan.steppers, plan.preconditioner)
-            if stale := note_plan(folder, store.records, plan, study.scene, sources):
+            if stale := note_plan(folder, store.records, study, sources):
                 watcher.note(stale)
-        jobs = plan.jobs if beside else 1
-        self._runner = Runner(store, study.sources, watcher, plan.time_limit, jobs)
+        self._runner = Runner(study, store, watcher, plan.jobs if beside else 1)
         self._evaluator = Evaluator(study, self._runner, folder)
         self._everyone = study.integrators()
 

@@ -16,7 +16,6 @@ import pandas as pd
 import xarray as xr
 from pydantic import Field
 
-from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import write_whole
 from swe_sphere.files.fingerprints import processor, versions
@@ -24,8 +23,7 @@ from swe_sphere.io.integrals import DRIFTS, Norms
 from swe_sphere.settings.values import read_toml
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.studies.record_store import ENDS, Record, Store, as_netcdf, read_record
-from swe_sphere.studies.sweep.runs import Role
-from swe_sphere.studies.sweep.sweep_plan import SweepPlan
+from swe_sphere.studies.sweep.runs import Role, Study
 
 HEADER, RUNS, DATASET = "sweep.json", "runs", "sweep.nc"
 """Names of the file with the request, of the folder of the runs, of the dataset."""
@@ -120,15 +118,13 @@ def _changed(of: Mapping[str, str], sources: Mapping[str, str]) -> list[str]:
     return [name for name in sources if of.get(name, sources[name]) != sources[name]]
 
 
-def note_plan(
-    folder: Path, runs: list[RunRecord], plan: SweepPlan, scene: Scene, sources: dict[str, str]
-) -> str:
+def note_plan(folder: Path, runs: list[RunRecord], study: Study, sources: dict[str, str]) -> str:
     """Store the request; return a note on the existing runs.
 
     The note states how many runs are ignored, because a source has changed since the last sweep; it
     is empty otherwise. Raises ConfigError if the folder is of another scene or not of a sweep.
     """
-    last = read_header(folder)
+    last, scene = read_header(folder), study.scene
     if last is not None and last.scene != scene.name:
         raise ConfigError(
             f"{folder} holds a sweep of {last.scene}, not of {scene.name}: choose another folder"
@@ -139,7 +135,7 @@ def note_plan(
         )
     now = Header(
         scene=scene.name, title=scene.title, sources=sources,
-        plan=plan.model_dump(mode="json", exclude_defaults=True),
+        plan=study.plan.model_dump(mode="json", exclude_defaults=True),
         machine=f"{processor()}, {platform.system()}", cores=os.cpu_count(), versions=versions(),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
     )  # fmt: skip

@@ -190,20 +190,15 @@ def _begun(spec: RunSpec) -> Simulation:
 class Runner:
     """Runs the runs; each one ends as a record in the store before the next begins.
 
-    sources: fingerprints of all runs; records with others are ignored. time_limit: wall time of the
-    steps of a run [s]. jobs: number of parallel processes.
+    study: the request; records of other sources are ignored. jobs: number of parallel processes.
     """
 
     def __init__(
-        self,
-        store: Store[RunRecord],
-        sources: dict[str, str],
-        watcher: SweepWatcher,
-        time_limit: float | None,
-        jobs: int,
+        self, study: Study, store: Store[RunRecord], watcher: SweepWatcher, jobs: int
     ) -> None:
-        self._sources, self._watcher, self._jobs = sources, watcher, jobs
-        self.time_limit = time_limit
+        self._sources, self._watcher, self._jobs = study.sources, watcher, jobs
+        self.time_limit = study.plan.time_limit
+        """Wall time of the steps of a run [s]."""
         self.read(store)
         self._warm: set[Integrator] = set()
         self.interruption = Interruption()

@@ -12,11 +12,12 @@ from fractions import Fraction
 from functools import cached_property, reduce
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from swe_sphere.equations.scene import Scene
+from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError, in_one_line
 from swe_sphere.files.fingerprints import (
     SCENE_FILE,
@@ -44,9 +45,6 @@ from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS, Stepper, get_stepper
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
-
-if TYPE_CHECKING:
-    from swe_sphere.equations.spectrum import Spectrum
 
 RATIO = math.sqrt(2.0)
 """Ratio of successive steps of an explicit stepper, whose useful range is short."""
