@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from swe_sphere.io.runfile import RunFile
+from swe_sphere.logs import printed
 from swe_sphere.simulation.build import start_warp
 from swe_sphere.simulation.observers import LogLines
 from swe_sphere.simulation.planning import RunPlan
@@ -323,8 +324,9 @@ def test_a_log_has_a_line_now_and_then(monkeypatch, capsys):
     monkeypatch.setattr("swe_sphere.simulation.observers.time.perf_counter", lambda: next(now))
     lines = LogLines()
     lines.begin(RunPlan(864.0, 100, 100, 864.0), SimpleNamespace(time=0.0))
-    for step in (10, 25, 30, 80):
-        lines.tick(step)
+    with printed():
+        for step in (10, 25, 30, 80):
+            lines.tick(step)
     told = capsys.readouterr().err.splitlines()
     assert told == [
         "swe-sphere: day 0.25 of 1 after 31 s, 0.484 days a minute, 93 s to go",
@@ -337,7 +339,8 @@ def test_the_log_of_a_resumed_run_counts_its_own_days_alone(monkeypatch, capsys)
     monkeypatch.setattr("swe_sphere.simulation.observers.time.perf_counter", lambda: next(now))
     lines = LogLines()
     lines.begin(RunPlan(864.0, 100, 100, 864.0), SimpleNamespace(time=43200.0))
-    lines.tick(75)
+    with printed():
+        lines.tick(75)
     told = capsys.readouterr().err
     assert told == "swe-sphere: day 0.75 of 1 after 60 s, 0.25 days a minute, 60 s to go\n"
 

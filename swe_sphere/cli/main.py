@@ -14,8 +14,9 @@ from typer import TyperException
 
 from swe_sphere import __version__
 from swe_sphere.cli.show import DEBUG, explain, open_streams
-from swe_sphere.compiling import on_compile, tell_of_compiling
+from swe_sphere.compiling import COMPILING, on_compile
 from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.logs import LOGGER, printed
 from swe_sphere.ranks.communicator import OF_RANKS, refuse_ranks, world
 from swe_sphere.ranks.limits import command_began, process_age
 
@@ -70,9 +71,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     arguments = sys.argv[1:] if arguments is None else arguments
     open_streams()
     try:
-        with on_compile(tell_of_compiling):
-            app = program([name for name in arguments[:1] if name in COMMANDS] or COMMANDS)
-            status = app(arguments, prog_name="swe-sphere", standalone_mode=False, obj=arguments)
+        with printed(), on_compile(lambda: LOGGER.info(COMPILING)):
+            status = _status(arguments)
+    finally:
+        command_began.reset(token)
+    sys.exit(status)
+
+
+def _status(arguments: Sequence[str]) -> int:
+    """Run the command line and return the exit status; print why it fails."""
+    try:
+        app = program([name for name in arguments[:1] if name in COMMANDS] or COMMANDS)
+        return app(arguments, prog_name="swe-sphere", standalone_mode=False, obj=arguments) or 0
     except Exception as error:
         if os.environ.get(DEBUG):
             traceback.print_exc()
@@ -83,9 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             with suppress(RunFailed):  # the line below states the failure
                 typer.echo(failed_summary({}, line, status).as_json())  # `run` prints its own
         _show_failure(line)
-    finally:
-        command_began.reset(token)
-    sys.exit(status or 0)
+        return status
 
 
 def _show_failure(line: str) -> None:
@@ -97,4 +105,4 @@ def _show_failure(line: str) -> None:
     except ConfigError:  # the line states that the other ranks are unknown
         first = all(os.environ.get(name, "0") == "0" for name in OF_RANKS)
     if first:
-        sys.stderr.write(f"swe-sphere: {line}\n")
+        LOGGER.error(line)

@@ -1,6 +1,7 @@
 """`swe-sphere run`: a run from flags and a file, in this process or in ranks, and its result."""
 
 import ctypes
+import logging
 import os
 import re
 import shlex
@@ -20,9 +21,9 @@ import typer
 
 from swe_sphere.cli.options import given, option, with_flags
 from swe_sphere.cli.show import explain
-from swe_sphere.compiling import on_compile
 from swe_sphere.errors import ConfigError, in_one_line
 from swe_sphere.files.user_file import is_user_file
+from swe_sphere.logs import LOGGER, kept_in, printed
 from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.ranks.communicator import NAMED, RANK, world
 from swe_sphere.ranks.limits import available_memory
@@ -30,7 +31,7 @@ from swe_sphere.settings.values import convert
 from swe_sphere.simulation.build import make_scene
 from swe_sphere.simulation.config import RunConfig, load_config, make_config
 from swe_sphere.simulation.loop import Interrupted
-from swe_sphere.simulation.observers import LogLines, ProgressBar
+from swe_sphere.simulation.observers import LogLines, Observer, ProgressBar
 from swe_sphere.simulation.restart import read_restart
 from swe_sphere.simulation.simulation import run_scene
 from swe_sphere.simulation.summary import Summary, failed_summary
@@ -69,7 +70,9 @@ def run(
             return start_ranks(ranks, mesh.ne or make_scene(mesh).ne, context.obj)
         if ranks not in (None, comm.size):
             raise ConfigError(f"ranks={ranks}: {comm.size} are running already: leave ranks out")
-        summary = _run(asked)
+        level = logging.ERROR if asked.quiet or comm.rank else logging.INFO
+        with printed(level), kept_in(None if comm.rank else asked.log):
+            summary = _run(asked)
     except Exception as error:
         if said.get("as_json") and comm.rank == 0:
             typer.echo(failed_summary(said, *explain(error)).as_json())
@@ -80,35 +83,43 @@ def run(
 
 
 def _run(config: RunConfig) -> Summary:
+    """Run the scene with progress on stderr; print there why it stopped early."""
+    is_plain = not (config.quiet or config.as_json or config.live)
+    has_bar = is_plain and sys.stderr.isatty()
+    progress: list[Observer] = [
+        LogLines(logging.INFO if is_plain and not has_bar else logging.DEBUG)
+    ]
+    if world().rank:
+        progress = []
+    elif has_bar:
+        progress.append(ProgressBar())
     try:
-        if config.quiet or world().rank:
-            with on_compile(lambda: None):
-                return run_scene(config)
-        progress = [ProgressBar() if sys.stderr.isatty() else LogLines()]
-        return run_scene(config, [] if config.as_json or config.live else progress, _show_warning)
+        summary = run_scene(config, progress, LOGGER.warning)
     except KeyboardInterrupt:
         raise Interrupted("interrupted by Ctrl-C") from None
+    if world().rank == 0:
+        _tell_end(summary, config)
+    return summary
 
 
-def _show_warning(text: str) -> None:
-    sys.stderr.write(f"swe-sphere: warning: {text}\n")
-
-
-def _show_summary(summary: Summary, config: RunConfig) -> None:
-    """Print the result as a table or a line of JSON, and on stderr why the run stopped early."""
+def _tell_end(summary: Summary, config: RunConfig) -> None:
+    """Print on stderr why a run stopped early, and the command that resumes it."""
     if summary.reason is not None:
         named = not (config.out and config.out.exists()) or str(config.out) in summary.reason
         kept = "" if named else f"; {config.out} keeps all that was written"
-        sys.stderr.write(f"swe-sphere: {in_one_line(summary.reason)}{kept}\n")
-    told = config.out is not None and not (config.quiet or config.as_json)
-    if told and summary.status in ("interrupted", "timed-out"):
+        LOGGER.error("%s%s", in_one_line(summary.reason), kept)
+    if config.out and not config.as_json and summary.status in ("interrupted", "timed-out"):
         words = ["swe-sphere", "run", config.scene, "--restart", str(config.out)]
         words += ["--out", str(config.out), "--days", f"{summary['days_planned']:.12g}"]
         methods = (config.stepper, config.preconditioner or "")
         code = {*map(str, config.trust), *filter(is_user_file, methods)}
         words += [word for file in sorted(code) for word in ("--trust", file)]
         words += [word for file in config.diagnostics for word in ("--diagnostics", str(file))]
-        sys.stderr.write(f"swe-sphere: resume with: {shlex.join(words)}\n")
+        LOGGER.info("resume with: %s", shlex.join(words))
+
+
+def _show_summary(summary: Summary, config: RunConfig) -> None:
+    """Print the result as a table or a line of JSON."""
     if config.as_json:
         sys.stdout.write(summary.as_json() + "\n")
     elif not config.quiet:

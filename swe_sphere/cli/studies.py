@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 HEADS = ("case", "ne", "np", "Δt [s]", "l2(h)", "l2(v)", "order(h)", "of bound")
 OF_MEMBERS = (
     "out", "outputs", "plot", "live", "restart", "trust", "initial", "initial_time", "reference",
-    "as_json", "quiet",
+    "as_json", "quiet", "log",
 )  # fmt: skip
 """Options of runs that do not apply to members of an ensemble."""
 Describe = Callable[[Sequence["Row"]], dict[str, object]]

@@ -223,6 +223,8 @@ class RunConfig(SharedConfig):
     energy_growth: Positive | None = None
     """End the run as unstable if the energy, forcing and relaxation apart, has grown by this factor
     (10; no limit with user-defined effects)."""
+    log: FileName | None = None
+    """Append all lines about the run to this file, with times and progress."""
     as_json: bool = False
     """Print the result as one line of JSON."""
     quiet: bool = False

@@ -4,8 +4,8 @@ All of them are an `Observer`, which sees snapshots of the state. Only callbacks
 observers may change the state, which is then checked again.
 """
 
+import logging
 import math
-import sys
 import time
 import uuid
 import warnings
@@ -20,6 +20,7 @@ import numpy as np
 
 from swe_sphere.errors import ConfigError, RunFailed, Unstable
 from swe_sphere.files.user_file import is_custom
+from swe_sphere.logs import LOGGER
 from swe_sphere.mesh import Interpolator
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.simulation.config import Output
@@ -354,8 +355,11 @@ class ProgressBar(Observer):
                 self._bar.close()
 
 
+@dataclass
 class LogLines(Observer):
-    """Prints a line on stderr now and then, for a run whose output goes to a file."""
+    """Logs a line now and then, for a run whose output goes to a file."""
+
+    level: int = logging.INFO
 
     PATIENCE = 30.0
     """Seconds before the first line; the next ones wait as long, or a tenth of the elapsed time."""
@@ -372,13 +376,10 @@ class LogLines(Observer):
         self._due = now + max(self.PATIENCE, 0.1 * gone)
         speed = (at - self._from) / gone
         left = (end - at) / speed if speed > 0.0 else math.inf
-        line = (
-            f"swe-sphere: day {at / DAY:.2f} of {end / DAY:g} after {gone:.0f} s,"
-            f" {60.0 * speed / DAY:.3g} days a minute, {left:.0f} s to go"
-        )
-        with suppress(OSError):  # stderr is closed, or the disk is full
-            sys.stderr.write(f"{line}\n")
-            sys.stderr.flush()
+        LOGGER.log(
+            self.level, "day %.2f of %g after %.0f s, %.3g days a minute, %.0f s to go",
+            at / DAY, end / DAY, gone, 60.0 * speed / DAY, left,
+        )  # fmt: skip
 
 
 @dataclass

@@ -31,6 +31,7 @@ PICTURES = (".png", ".pdf", ".svg")
 OF_ONE_RUN = {
     "out": "run()", "overwrite": "run()", "plot": "plot()", "restart": "from_checkpoint()",
     "live": "swe-sphere run", "as_json": "swe-sphere run", "quiet": "swe-sphere run",
+    "log": "swe-sphere run",
 }  # fmt: skip
 """Fields of a configuration that belong to one run, and what in Python accepts them."""
 

@@ -34,6 +34,7 @@ from swe_sphere.files.durable import clear_errors
 from swe_sphere.files.fingerprints import code_fingerprint
 from swe_sphere.files.user_file import cause, check_trusted, guarded, users_code
 from swe_sphere.io.integrals import tracer_masses
+from swe_sphere.logs import LOGGER
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.ranks.communicator import world
@@ -529,6 +530,9 @@ class Simulation(NotCopyable):
             observers.append(ProgressBar())
         self.warn = warn or self._warn
         self._warn_of_run()
+        LOGGER.debug(
+            "%r begins: %d steps of %.6g s", self, self.plan.steps - self.steps, self.plan.dt
+        )
         self._kept = Keeper() if keep else None
         if self._kept is not None:
             observers.append(self._kept)
@@ -551,12 +555,14 @@ class Simulation(NotCopyable):
         else:
             observers = [*files, *observers]
             self.advance(observers, config.time_limit, since=since)
+            LOGGER.debug("%r ends: %s", self, self.outcome.reason or self.outcome.status)
             if self._signal is not None and raises:
                 signal.raise_signal(self._signal)
         return self.summary
 
     def _warn(self, text: str) -> None:
         if self.comm.rank == 0:
+            LOGGER.warning(text)
             warnings.warn(text, stacklevel=5)
 
     def _warn_of_run(self) -> None:

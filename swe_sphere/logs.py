@@ -1,0 +1,67 @@
+"""Lines about runs: all of them go to Python's logger `swe_sphere`.
+
+The program prints lines from the level INFO up on stderr.  DEBUG has the beginning and the end of
+each run, and progress where a bar shows it.
+"""
+
+import logging
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from swe_sphere.files.durable import clear_errors
+
+LOGGER = logging.getLogger("swe_sphere")
+LOGGER.addHandler(logging.NullHandler())  # or Python would print warnings a second time
+
+
+class _OnStderr(logging.StreamHandler):  # type: ignore[type-arg]
+    """Prints lines as the program does; a closed stderr or a full disk loses them."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        kind = "warning: " if record.levelno == logging.WARNING else ""
+        return f"swe-sphere: {kind}{record.getMessage()}"
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        pass
+
+
+@contextmanager
+def printed(level: int = logging.INFO) -> Iterator[None]:
+    """Print lines from a level up on stderr in the block, in the place of an outer block."""
+    handler = _OnStderr(sys.stderr)
+    handler.setLevel(level)
+    others = [each for each in LOGGER.handlers if not isinstance(each, _OnStderr)]
+    before, LOGGER.handlers = LOGGER.handlers, [*others, handler]
+    level_before = LOGGER.level
+    LOGGER.setLevel(logging.DEBUG)
+    try:
+        yield
+    finally:
+        LOGGER.handlers = before
+        LOGGER.setLevel(level_before)
+
+
+@contextmanager
+def kept_in(path: Path | None) -> Iterator[None]:
+    """Append all lines in the block to a file, if one is given, with time and level.
+
+    Raises ConfigError if the file cannot be written.
+    """
+    if path is None:
+        yield
+        return
+    with clear_errors(f"cannot write {path}"):
+        handler = logging.FileHandler(path, encoding="utf-8")
+    handler.handleError = lambda record: None  # type: ignore[method-assign]
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+    LOGGER.addHandler(handler)
+    try:
+        yield
+    except Exception as error:
+        LOGGER.debug("failed: %s", error)
+        raise
+    finally:
+        LOGGER.removeHandler(handler)
+        handler.close()
