@@ -244,12 +244,8 @@ def find_device(name: str, local: int = 0) -> str:
     count = wp.get_cuda_device_count()
     if name == "cuda" and count:
         return f"cuda:{local % count}"
-    try:
-        if name == "cuda":
-            raise ValueError(name)  # before Warp prints its own complaint
-        return str(wp.get_device(name))
-    except (ValueError, RuntimeError, AssertionError):
-        available = ", ".join(str(device) for device in wp.get_devices())
-        raise ConfigError(
-            f"there is no device {name!r} on this machine; available: {available}"
-        ) from None
+    with suppress(ValueError, RuntimeError, AssertionError):
+        if name != "cuda":  # otherwise Warp prints its own complaint
+            return str(wp.get_device(name))
+    available = ", ".join(str(device) for device in wp.get_devices())
+    raise ConfigError(f"there is no device {name!r} on this machine; available: {available}")

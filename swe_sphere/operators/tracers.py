@@ -210,7 +210,10 @@ class MassSteps:
             check_stop()
             for i, fraction in enumerate(fractions):
                 out, step = self._work if i + 1 < len(fractions) else state, fraction * tau / parts
-                self._transport(flow, carried, at, out, self._first, self._stage(state, step))
+                key = state.ptr, step
+                if key not in self._stages:
+                    self._stages[key] = self._mesh.stage_at(state, step)
+                self._transport(flow, carried, at, out, self._first, self._stages[key])
                 carried, at = self._carried(out, part * tau / parts + step)
 
     def _carried(self, state: wp.array, t: float) -> tuple[wp.array, int]:
@@ -221,11 +224,6 @@ class MassSteps:
         self._launch.combine(self._old, self._rate, t, out=depth)
         self._ratio.set(state)
         return self._ratio.values, 0
-
-    def _stage(self, state: wp.array, tau: float) -> Any:
-        if (state.ptr, tau) not in self._stages:
-            self._stages[state.ptr, tau] = self._mesh.stage_at(state, tau)
-        return self._stages[state.ptr, tau]
 
 
 def symbol(derivative: Array, weights: Array) -> float:

@@ -163,9 +163,6 @@ class FluxWaves:
         """Store `rest`, wind and depth without motion, with the reference depth H [m]."""
         self._launch, self._flux, self._rest = model.launch, flux, rest
 
-    def linearise(self, state: wp.array) -> None:
-        """Do nothing, because nothing depends on the state."""
-
     def apply(self, d: wp.array, out: wp.array) -> None:
         """Set out_G = L_G d."""
         self._flux.carry(d, self._rest, out)
@@ -208,7 +205,7 @@ class GravityWaves:
 
     def linearise(self, state: wp.array) -> None:
         """Fix the mixing ratios with which tracers follow the waves."""
-        if self._tracers is not None:
+        if isinstance(self._tracers, TracerWaves):
             self._tracers.linearise(state)
 
     def apply(self, d: wp.array, out: wp.array) -> None:

@@ -7,7 +7,7 @@ doi:10.1016/j.jcp.2003.08.010.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import warp as wp
@@ -219,8 +219,7 @@ class NewtonKrylov:
             p.end(Status.STAGNATED, f"no decrease after {search.trials} trial steps")
 
 
-@dataclass(frozen=True)
-class Search:
+class Search(NamedTuple):
     """The end of a line search: the last length tried, |F| there, acceptance, number of trials."""
 
     length: float

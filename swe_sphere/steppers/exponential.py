@@ -268,11 +268,8 @@ class ExponentialMultistep(VariableStepper):
     def _multistep(self, dt: float, out: wp.array) -> str | None:
         space, krylov = self.space, self._krylov
         for i in range(len(self._states)):
-            for past, present, change in (
-                (self._states[i], self.state, self._moved[i]),
-                (self._slopes[i], self._slope, self._bent[i]),
-            ):
-                space.axpby(-1.0, present, 1.0, past, change)
+            space.axpby(-1.0, self.state, 1.0, self._states[i], self._moved[i])
+            space.axpby(-1.0, self._slope, 1.0, self._slopes[i], self._bent[i])
             if self._has_drift:
                 space.axpy((i + 1) * dt, self._drift, self._bent[i])
         for k, row in enumerate(self.weights, 1):

@@ -42,9 +42,8 @@ class Passes:
     """
 
     def __init__(self, model: Model) -> None:
-        self._model = model
-        self._mesh, self._real = model.device_mesh, model.device_mesh.real
-        mesh = self._mesh
+        self._model, mesh = model, model.device_mesh
+        self._mesh, self._real = mesh, mesh.real
         terms = element_terms(model.scene, "conservative")
         point = pointwise_terms(model.scene, "conservative", model.parameters)
         self._moves, self._first = not terms.wind, terms.unknowns - 1
@@ -52,6 +51,8 @@ class Passes:
         self._masses = 1 if self._flux else len(model.names) - self._first
         self.carried, self.pushed, self._loss, self._crossing = (model.zeros() for _ in range(4))
         self._base: wp.array | None = model.parameters.get("base")
+        self._shift = self._loss if self._base is None else self._base
+        """The base of linearised dynamics, or otherwise an array that is not read."""
         self._combine = specialise(combine_levels_kernel(point.tangent), self._real)
         self._steps: dict[Any, Any] = {}
         damped, parameters = model.dissipative, {"base": None, **model.parameters}
@@ -170,11 +171,6 @@ class Passes:
         """Update `carried` and `pushed` for a change (2N,) of the wind at the present level."""
         for out in (self.carried, self.pushed):
             self._model.launch.combine(wind := out[: change.size], change, winds[0], out=wind)
-
-    @property
-    def _shift(self) -> wp.array:
-        """The base of linearised dynamics, or otherwise an array that is not read."""
-        return self._loss if self._base is None else self._base
 
 
 Triple = tuple[float, float, float]

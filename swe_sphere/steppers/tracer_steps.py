@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -17,7 +17,6 @@ from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.split_diffusion import Diffusion
 from swe_sphere.steppers.stepper import Stepper, Trajectory, is_large, read_table
 
-T = TypeVar("T")
 FLOW = "flow_"
 """Prefix of the names of the arrays that the flow's stepper keeps."""
 PARTS = 2
@@ -214,7 +213,7 @@ class CarriedTracers(TracerSteps):
         self.scheme.load_numbers(flow, steps)
 
 
-def _of_flow(values: dict[str, T]) -> dict[str, T]:
+def _of_flow(values: dict[str, Any]) -> dict[str, Any]:
     """Return the values of the flow's stepper by their names in checkpoints."""
     return {f"{FLOW}{name}": value for name, value in values.items()}
 

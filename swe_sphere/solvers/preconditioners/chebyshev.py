@@ -21,12 +21,10 @@ def chebyshev_coefficients(degree: int, largest: float) -> list[tuple[float, flo
 
     `largest` bounds the spectrum of D^-1 S (Lottes 2023, algorithm 4.1); degree 1 to 6.
     """
-    steps = [(0.0, 4.0 / (3.0 * largest))]
-    steps += [
-        ((2 * k - 3) / (2 * k + 1), (8 * k - 4) / ((2 * k + 1) * largest))
-        for k in range(2, degree + 1)
+    return [
+        (max(2 * k - 3, 0) / (2 * k + 1), (8 * k - 4) / ((2 * k + 1) * largest), beta)
+        for k, beta in enumerate(OPTIMAL[str(degree)], 1)
     ]
-    return [(*step, beta) for step, beta in zip(steps, OPTIMAL[str(degree)], strict=True)]
 
 
 def largest_eigenvalue(operator: SchurOperator, inverse: Array) -> float:

@@ -23,11 +23,11 @@ from swe_sphere.operators import sparse
 from swe_sphere.operators.device_mesh import Field
 from swe_sphere.operators.halo import Halo
 from swe_sphere.operators.lane_matrices import SlicedMatrix, TallMatrix, vector
-from swe_sphere.operators.schur import SchurMatrix, SchurOperator, Step
+from swe_sphere.operators.schur import SchurMatrix, SchurOperator
 from swe_sphere.operators.sparse import ElementSpace
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
 
-Int = NDArray[np.int32]
+Integers = NDArray[np.integer]
 CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
 """Element corners (end along xi1, end along xi2)."""
 
@@ -83,7 +83,7 @@ def _products(along_1: Array, along_2: Array) -> Array:
     return np.stack(sides, axis=1)
 
 
-def _turned(vertices: Int) -> NDArray[np.bool_]:
+def _turned(vertices: Integers) -> NDArray[np.bool_]:
     """Return (E, 4) flags: direction 1 of the element is the second one of its corner's vertex.
 
     The first direction of a vertex is direction 1 of the first element there. Around a vertex of
@@ -114,7 +114,6 @@ def interpolation(mesh: Mesh, space: ElementSpace) -> scipy.sparse.csr_matrix:
     return total
 
 
-Integers = NDArray[np.integer]
 MOST = 2 * CONTRIBUTORS
 """Largest number of contributions to a function: six at a cube's corner."""
 
@@ -335,31 +334,25 @@ class CoarseCorrection:
     def correct(self, b: Field, x: Field, add: bool = True) -> None:
         """Add the correction for the residual b to x, or set x to it."""
         found, d, new = self._found, self._d, self._new
-        exchange = self._operator.mesh.exchange
+        exchange, per_diagonal = self._operator.mesh.exchange, self._per_diagonal.values
         self._part.restrict(b, self._b)
         wp.copy(self._r.values, self._b.values)
         self._solve_longest(d, add=False)
         before, product = d, self._smooth
         for left, coefficients in zip(range(SWEEPS)[::-1], self._coefficients, strict=True):
-            self._sweep(product, coefficients, d, new, before)
+            product.sweep(coefficients, per_diagonal, self._r, (d, new), before, found)
             if left:
                 exchange(new)
             before, d, new, product = found, new, d, self._matrix
         if self._symmetric:
             exchange(found)
             wp.copy(self._r.values, self._b.values)
-            self._sweep(self._smooth, (0.0, 0.0, 0.0), found, new, found)
+            nothing = (0.0, 0.0, 0.0)  # only the residual is updated
+            self._smooth.sweep(nothing, per_diagonal, self._r, (found, new), found, found)
             self._solve_longest(found, add=True)
         if not add:
             x.values.zero_()
         self._part.prolong(found, x)
-
-    def _sweep(
-        self, product: SlicedMatrix, coefficients: Step, d: Field, new: Field, before: Field
-    ) -> None:
-        """Update the coefficients of all functions by a Chebyshev step from `before`."""
-        per_diagonal = self._per_diagonal.values
-        product.sweep(coefficients, per_diagonal, self._r, (d, new), before, self._found)
 
     def _solve_longest(self, out: Field, add: bool) -> None:
         """Set out = P A^-1 P^T r for the longest waves, or add it to out."""
