@@ -344,8 +344,7 @@ def poisson(mesh: Mesh) -> Callable[[Array, Array], Array]:
     def streamfunction(u: Array, v: Array) -> Array:
         """Return ψ [m2 s-1] (N,) of mean zero, for the wind u, v (N,) [m s-1]."""
         right = -mesh.area * vorticity(mesh, u, v)
-        found = np.append(0.0, factors.solve(right[1:]))
-        result: Array = found - np.average(found, weights=mesh.area)
-        return result
+        found: Array = np.append(0.0, factors.solve(right[1:]))
+        return found - float(np.average(found, weights=mesh.area))
 
     return streamfunction

@@ -57,7 +57,9 @@ def sweep(
         check_ours(out / name)
     datasets, completed = {}, report_only
     for folder, plan in plans:
-        dataset = datasets[folder] = _carried_out(plan, folder, quiet)
+        kept = f"interrupted by Ctrl-C; {folder} keeps all finished runs"
+        with _watched(plan.scene, quiet, f"{kept}; the same command resumes the sweep") as terminal:
+            dataset = datasets[folder] = run_sweep(plan, folder, terminal)
         compared = dataset["status"].where(dataset["role"].isin(["grid", "target"]))
         completed |= bool((compared == "completed").any())
         if not quiet:
@@ -123,13 +125,6 @@ def _watched(title: str, quiet: bool, interrupted: str) -> Iterator[SweepWatcher
             yield terminal
     except (Interrupted, KeyboardInterrupt):
         raise Interrupted(interrupted) from None
-
-
-def _carried_out(plan: SweepPlan, folder: Path, quiet: bool) -> xr.Dataset:
-    end = "the same command resumes the sweep"
-    interrupted = f"interrupted by Ctrl-C; {folder} keeps all finished runs; {end}"
-    with _watched(plan.scene, quiet, interrupted) as terminal:
-        return run_sweep(plan, folder, terminal)
 
 
 def _show_sweep(dataset: xr.Dataset) -> None:

@@ -70,11 +70,10 @@ def plot_file(
         below = part.subplots(1, len(curves), squeeze=False).flat
         for pair in zip(below, curves, strict=True):
             draw_panel(*pair, time)
-    with clear_errors(f"cannot write {out}"):
-        png = out.suffix.lower() == ".png"
-        smaller: dict[str, Any] = {"pil_kwargs": {"optimize": True}} if png else {}
-        with building(out) as part:
-            figure.savefig(part, dpi=DOTS_PER_INCH, **smaller)
+    png = out.suffix.lower() == ".png"
+    smaller: dict[str, Any] = {"pil_kwargs": {"optimize": True}} if png else {}
+    with clear_errors(f"cannot write {out}"), building(out) as part:
+        figure.savefig(part, dpi=DOTS_PER_INCH, **smaller)
     return out
 
 

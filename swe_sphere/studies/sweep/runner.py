@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from tqdm import tqdm
 
 from swe_sphere.errors import ConfigError, RunFailed, SweError, in_one_line
 from swe_sphere.files.durable import write_whole
@@ -55,8 +56,6 @@ class SweepWatcher:
     """Progress of a sweep on stderr: notes, and a bar if that is a terminal; by default nothing."""
 
     def __init__(self, title: str = "", quiet: bool = True) -> None:
-        from tqdm import tqdm
-
         self._quiet, self._label, self._steps = quiet, "", 0
         self._bar: Any = tqdm(
             total=0, desc=title, unit="run", leave=False, file=sys.stderr,
