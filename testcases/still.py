@@ -27,14 +27,10 @@ def lake_at_rest(cone: bool = True, rotating: bool = True) -> Scene:
         rotating: include the Coriolis force.
     """
     bottom = conical_mountain if cone else _smooth_bottom
-
-    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        return 0.0 * lon, 0.0 * lat, 5960.0 - bottom(lon, lat)
-
     return build_scene(
         "lake-at-rest",
         effects=(*(ROTATING if rotating else DYNAMICS), Orography()),
-        exact=exact,
+        exact=lambda lon, lat, t: (0.0 * lon, 0.0 * lat, 5960.0 - bottom(lon, lat)),
         bottom=bottom,
         error_field="surface",
     )

@@ -88,12 +88,9 @@ def williamson7(
 
 def _streamfunction(seed: int) -> Complex:
     """Return the streamfunction of jets and random eddies, as coefficients [m2 s-1]."""
-
-    def spectrum(n: Array) -> Array:
-        ratio = n / 6.0
-        return ratio / (1.0 + ratio**4)
-
-    found: Complex = random_streamfunction(spectrum, DEGREE, 12.0, EARTH.radius, seed)
+    found: Complex = random_streamfunction(
+        lambda n: n / 6.0 / (1.0 + (n / 6.0) ** 4), DEGREE, 12.0, EARTH.radius, seed
+    )
     grid = GaussGrid(5)
     sine = np.sin(grid.points[1])
     # -∂ψ/∂θ / a ~ cos³ θ sin² θ, which is largest where sin² θ = 2/5
