@@ -111,6 +111,8 @@ def on_grid(data: xr.Dataset, at: Interpolator, grid: Grid) -> xr.Dataset:
         found[name].attrs = {k: x for k, x in data[name].attrs.items() if k not in on_mesh}
     attributes = data.attrs | {"Conventions": "CF-1.11", "grid": grid.name}
     result = xr.Dataset({name: found[name] for name in names}, attrs=attributes)
+    profiles = [n for n, x in data.data_vars.items() if "time" in x.dims and "node" not in x.dims]
+    result = result.assign(data[profiles])
     return result.assign_coords(_coordinates(grid, at.mesh.radius))
 
 

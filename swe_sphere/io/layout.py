@@ -86,10 +86,13 @@ def frame_dataset(
     """
     import xarray as xr
 
-    data: dict[str, Any] = {
-        name: (("time", "node"), fields[name][None], {**about, **MEASURES})
-        for name, about in known.items()
-    }
+    data: dict[str, Any] = {}
+    for name, about in known.items():
+        value: Any = fields[name]
+        if hasattr(value, "dims"):
+            data[name] = value.assign_attrs(about).expand_dims("time")
+        else:
+            data[name] = (("time", "node"), value[None], {**about, **MEASURES})
     data |= _on_nodes(mesh, fields["b"], fields["f"])
     data["time"] = ("time", [time], {**TIME, "axis": "T"})
     about = plain({"Conventions": "CF-1.11", **attributes, **mesh_attributes(mesh)})
@@ -104,12 +107,14 @@ def file_dataset(
     fields: Mapping[str, Mapping[str, str]],
     diagnostics: Mapping[str, Mapping[str, str]],
     samples: int,
+    profiles: Mapping[str, xr.DataArray],
 ) -> xr.Dataset:
     """Return a file without frames; the series come last and have space for `samples` samples.
 
     attributes: those of the run. bottom [m], coriolis [s-1]: a number or (N,). fields: the fields
     of every frame with their attributes. diagnostics: the series, with attributes if they are
-    user-defined; without any series the file has no dimension for them.
+    user-defined; without any series the file has no dimension for them. profiles: values of the
+    fields that are no fields of the nodes.
 
     Raises ValueError if the name of a series is already used in the file.
     """
@@ -117,6 +122,11 @@ def file_dataset(
 
     data: dict[str, Any] = {"time": ("time", np.zeros(0), {**TIME, "axis": "T"})}
     for name, about in fields.items():
+        if name in profiles:
+            rows = profiles[name].assign_attrs({**MISSING, **about}).expand_dims(time=0)
+            data[name] = rows.drop_vars(rows.coords)
+            data |= {str(axis): of.variable for axis, of in rows.coords.items()}
+            continue
         about = {**MISSING, **about, **ON_NODES, **MEASURES}
         data[name] = (("time", "node"), np.zeros((0, mesh.size)), about)
     data |= _on_nodes(mesh, bottom, coriolis)

@@ -54,7 +54,8 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
     number of times with diagnostics. append_from: a time [s] from which the run in the existing
     file is resumed, under its run_id; its frames and samples before that time are copied first, and
     it stays in place until the new file has as many frames. own: attributes (long_name, units) of
-    user-defined diagnostics, of which `own_fields` are in every frame and the others in the series.
+    user-defined diagnostics, of which `own_fields`, here with present values (N,) or profiles as
+    data arrays, are in every frame and the others in the series.
     coriolis (N,) [s-1]: the Coriolis parameter. only: names of the fields in frames; all if empty.
     transform: the file contains what this function returns for the dataset of each frame on the
     nodes, the wind always as both components, and no series.
@@ -75,7 +76,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         samples: int = ROOM_FOR_SAMPLES,
         append_from: float | None = None,
         own: Mapping[str, Mapping[str, str]] | None = None,
-        own_fields: Iterable[str] = (),
+        own_fields: Mapping[str, Any] | None = None,
         coriolis: ArrayLike = 0.0,
         only: Iterable[str] = (),
         transform: Callable[[xr.Dataset], xr.Dataset] | None = None,
@@ -95,7 +96,8 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
                 )
             before, size = self._earlier.attributes, self.path.stat().st_size
             kept = {name: before[name] for name in KEPT if name in before}
-        every = frame_fields(tracers) | {name: self._own[name] for name in own_fields}
+        every = frame_fields(tracers) | {name: self._own[name] for name in own_fields or {}}
+        self._profiles = {n: x for n, x in (own_fields or {}).items() if hasattr(x, "dims")}
         wanted = {*only} or {*every}
         if transform is not None and wanted & {"u", "v"}:
             wanted |= {"u", "v"}  # interpolated as a vector
@@ -136,16 +138,17 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         """Append a frame at time [s since the start] and sync it to the disk.
 
         fields: h [m], u, v [m s-1], vorticity, divergence [s-1], q_NAME of each tracer and
-        user-defined ones, all of them (N,), and f for derived ones; others are ignored.
+        user-defined ones, all of them (N,) or profiles, and f for derived ones; others are ignored.
         diagnostics: as for `record`, at the same time; those of the first frame define the series.
         """
-        values, frame = {name: derive(fields, name) for name in self._fields}, None
+        values: dict[str, Any] = {name: derive(fields, name) for name in self._fields}
+        frame = None
         if self._transform is not None:
             every = {**fields, **values}
             frame = frame_dataset(self._mesh, every, time, self._attributes, self._fields)
             frame = self._transform(frame)
-            values = {name: frame[name].values for name in self._fields}
-        values["time"] = np.array([time])
+            values = {name: frame[name] for name in self._fields}
+        values = {"time": np.array([time])} | {n: np.asarray(x) for n, x in values.items()}
         with self._writing(begins=True):
             if not self._begun:
                 self._make(diagnostics or {}, frame)
@@ -207,7 +210,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         else:
             data = file_dataset(
                 self._mesh, self._attributes, self._bottom, self._coriolis, self._fields, series,
-                self._samples + times.size,
+                self._samples + times.size, self._profiles,
             )  # fmt: skip
         self._growing.define(data)
         self._growing.set_summary(json.dumps({"completed": False}))

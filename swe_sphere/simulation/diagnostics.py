@@ -104,7 +104,7 @@ class Snapshot:
 
     @property
     def own(self) -> Fields:
-        """Values of user-defined diagnostics by name, () or (N,); RunFailed if one fails.
+        """Values of user-defined diagnostics by name (`Diagnostic.value`); RunFailed if one fails.
 
         It is empty while a diagnostic is evaluated, so that one may read the whole state.
         """
@@ -121,7 +121,7 @@ class Snapshot:
 
     @property
     def own_fields(self) -> Fields:
-        """Fields (N,) of user-defined diagnostics; raises RunFailed if one fails."""
+        """Fields (N,) and profiles of user-defined diagnostics; raises RunFailed if one fails."""
         return {name: value for name, value in self.own.items() if value.ndim}
 
     @property
@@ -198,38 +198,47 @@ TAKEN = frozenset({
 
 @dataclass(frozen=True, eq=False)
 class Diagnostic:
-    """A user-defined function that returns a number or a field of a simulation."""
+    """A user-defined function that returns a number, a field or a profile of a simulation."""
 
     name: str
     function: Callable[[Any], Any]
     units: str
     long_name: str
 
-    def value(self, sim: Any) -> Array:
-        """Return the present number (), or field (N,), of a simulation.
+    def value(self, sim: Any) -> Any:
+        """Return the present number (), field (N,), or profile, a data array, of a simulation.
 
-        Raises RunFailed if it is neither, or not of the kind that it was at first.
+        Raises RunFailed if it is none of them, or not of the kind and length that it was at first.
         """
         what, size = f"the diagnostic {self.name}", sim.mesh.size
-        value = called(what, lambda: _as_numbers(self.function(sim)))
-        if value.shape not in ((), (size,)):
+        value = called(what, lambda: self._as_numbers(self.function(sim)))
+        is_profile = hasattr(value, "dims")
+        if not is_profile and value.shape not in ((), (size,)):
             raise RunFailed(
-                f"{what} returned an array of shape {value.shape}: return one number, or a field of"
-                f" {size} values, one a node"
+                f"{what} returned an array of shape {value.shape}: return one number, a field of"
+                f" {size} values, one a node, or a profile, an xarray.DataArray with one dimension"
             )
-        if sim.own_axes.setdefault(self, value.ndim) != value.ndim:
-            first = "number" if value.ndim else "field"
-            raise RunFailed(f"{what} was a {first} at first and is none now: return the same kind")
+        kind = "profile" if is_profile else "field" if value.ndim else "number"
+        first, size = sim.own_kinds.setdefault(self, (kind, value.size))
+        if (first, size) != (kind, value.size):
+            about = f"{first} of {size} values" if is_profile else first
+            raise RunFailed(f"{what} was a {about} at first and is none now: return the same kind")
         if self not in sim.lost and not np.isfinite(value).all():
             sim.lost.add(self)
             sim.warn(f"{what} is NaN or infinite at day {sim.time / DAY:.4g}")
         return value
 
-
-def _as_numbers(found: object) -> Array:
-    if found is None:
-        raise TypeError("it returned nothing")  # numpy would convert None to NaN
-    return np.asarray(found, dtype=np.float64)
+    def _as_numbers(self, found: Any) -> Any:
+        if found is None:
+            raise TypeError("it returned nothing")  # numpy would convert None to NaN
+        dims: tuple[Any, ...] = getattr(found, "dims", ())
+        if len(dims) != 1 or dims == ("node",):
+            return np.asarray(found, dtype=np.float64)
+        axis = found[dims[0]]  # with a name that no other variable of a file has
+        own = found.astype(np.float64).reset_coords(drop=True).drop_vars(dims[0], errors="ignore")
+        own = own.rename({dims[0]: (name := f"{self.name}_{dims[0]}")})
+        about = {key: value for key, value in axis.attrs.items() if key != "bounds"}
+        return own.assign_coords({name: (name, axis.values.astype(float), about)})
 
 
 DIAGNOSTICS: dict[str, Diagnostic] = {}
@@ -245,9 +254,11 @@ def diagnostic(
 def diagnostic(
     function: Any = None, *, name: str | None = None, units: str = "1", long_name: str | None = None
 ) -> Any:
-    """Register a function `f(sim)` that returns a number, or a field (N,) on the nodes.
+    """Register a function `f(sim)` that returns a number, a field (N,) on the nodes, or a profile.
 
-    A number appears in the series of files, in summaries and in sweeps; a field in every frame.
+    A number appears in the series of files, in summaries and in sweeps; a field in every frame, and
+    so does a profile: an `xarray.DataArray` with one dimension, such as a zonal mean.  Files
+    call its dimension NAME_DIMENSION.
     A function registered under an existing name replaces the earlier one.
 
     Args:

@@ -202,7 +202,7 @@ class Recorder(Observer):
         self.sees_end = output is None
         self._framed: int | None = None  # steps before the last frame
         snapshot = sim.snapshot
-        about = {"own": snapshot.own_attributes, "own_fields": {*snapshot.own_fields}}
+        about = {"own": snapshot.own_attributes, "own_fields": snapshot.own_fields}
         sim.run_id = sim.comm.on_root(lambda: self._open(about))
 
     def _open(self, about: dict[str, Any]) -> str:

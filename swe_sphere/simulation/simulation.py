@@ -213,8 +213,8 @@ class Simulation(NotCopyable):
         self._limit: float | None = None
         self.warn: Warn = lambda text: None
         """Called with each warning of a run."""
-        self.own_axes: dict[Diagnostic, int] = {}
-        """Axes of the first value of each user-defined diagnostic: files have variables for it."""
+        self.own_kinds: dict[Diagnostic, tuple[str, int]] = {}
+        """Kind and size of the first value of each user-defined diagnostic: those in files."""
         self.lost: set[Diagnostic] = set()
         """User-defined diagnostics that were not finite, of which there is one warning each."""
         self._signal: int | None = None  # number of the signal that came during the last run
