@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from swe_sphere.kernels.simd.memory import pack, unpack
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.replay import between
-from swe_sphere.ranks.communicator import Communicator
+from swe_sphere.ranks.communicator import Communicator, Messages
 
 Positions = Mapping[int, NDArray[Any]]
 """Positions (...) in an array by the rank that their numbers go to or come from."""
@@ -91,7 +91,7 @@ class Halo:
             else:
                 scattered[rank] = places
         self.going, self._coming = Buffer(comm, flat, sends), Buffer(comm, into, scattered)
-        self._messages = comm.messages(self.going.of_rank, in_place | self._coming.of_rank)
+        self._messages = Messages(comm, self.going.of_rank, in_place | self._coming.of_rank)
 
     def __call__(self) -> None:
         self.start()

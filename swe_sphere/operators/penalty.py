@@ -30,8 +30,7 @@ class EdgePenaltyOperator:
         self._derivatives = field_kernel(types, derivatives)
         self._weak_form = field_kernel(types, weak_form, finish)
         launch.load(self._derivatives, self._weak_form)
-        at_edge = np.ones((mesh.mesh.np, mesh.mesh.np))
-        at_edge[1:-1, 1:-1] = 0.0
+        at_edge = np.pad(np.zeros((mesh.mesh.np - 2,) * 2), 1, constant_values=1.0)
         gamma = strength[:, None, None] * at_edge
         weight = assemble(mesh.mesh, gamma * mesh.mesh.quadrature * mesh.mesh.jacobian)
         scale = np.divide(

@@ -144,14 +144,10 @@ class SchurOperator:
         self.dim = mesh.groups, mesh.points // types.share
         """Threads of a launch over the elements."""
         shape = mesh.groups, mesh.points
-        room = {"fluxes": (*shape, 4), "per_diagonal": shape}
-        self._configured = {
-            name: wp.zeros(size, dtype=self._value, device=mesh.device)
-            for name, size in room.items()
-        }
-        per_area = mesh.on_elements(1.0 / mesh.mesh.area[self._nodes])
-        given_arrays = self._configured | {"per_area": per_area, "others": mesh.others}
-        self._geometry = mesh.geometry(types.geometry, given_arrays)
+        arrays = {"per_area": mesh.on_elements(1.0 / mesh.mesh.area[self._nodes])}
+        for name, size in (("fluxes", (*shape, 4)), ("per_diagonal", shape)):
+            arrays[name] = wp.zeros(size, dtype=self._value, device=mesh.device)
+        self._geometry = mesh.geometry(types.geometry, arrays)
         passages = helmholtz.spread, helmholtz.collect
         self._passages = functools.cache(
             lambda given: launch.compile(mesh.types(given=given, whole=False), *passages)
@@ -209,8 +205,8 @@ class SchurOperator:
         for target, values in (
             (self._same, mesh.scatter(same)),
             (self._cross, mesh.scatter(cross)),
-            (self._configured["fluxes"], mesh.on_elements(fluxes, (4,))),
-            (self._configured["per_diagonal"], mesh.on_elements(inverse_diagonal[nodes])),
+            (self._geometry.fluxes, mesh.on_elements(fluxes, (4,))),
+            (self._geometry.per_diagonal, mesh.on_elements(inverse_diagonal[nodes])),
         ):
             wp.copy(target, values)
 

@@ -43,12 +43,12 @@ Arrays = Mapping[int, Any]
 class Messages:
     """Repeated messages between the same arrays: persistent requests of MPI."""
 
-    def __init__(self, comm: Any, outgoing: Arrays, incoming: Arrays) -> None:
-        """Prepare one message for each array; `comm` is a communicator of mpi4py."""
+    def __init__(self, ranks: "Communicator", outgoing: Arrays, incoming: Arrays) -> None:
+        """Prepare one message for each array; a single process has none."""
         from mpi4py.MPI import Prequest
 
-        requests = [comm.Recv_init(array, rank) for rank, array in incoming.items()]
-        requests += [comm.Send_init(array, rank) for rank, array in outgoing.items()]
+        requests = [ranks.comm.Recv_init(array, rank) for rank, array in incoming.items()]
+        requests += [ranks.comm.Send_init(array, rank) for rank, array in outgoing.items()]
         weakref.finalize(self, lambda: [*map(Prequest.Free, requests)])
         self.start = functools.partial(Prequest.Startall, requests)
         """Function that sends all arrays, which must not change before `wait`, and receives."""
@@ -91,21 +91,17 @@ class Communicator:
             return
         keep_to_one_thread()
         # messages of callers on COMM_WORLD must not meet those of the halo
-        self._mpi, self._comm = mpi, mpi.COMM_WORLD.Dup()
-        self._failures = self._comm.Dup()
-        self.rank, self.size = self._comm.rank, self._comm.size
+        self._mpi, self.comm = mpi, mpi.COMM_WORLD.Dup()
+        self._failures = self.comm.Dup()
+        self.rank, self.size = self.comm.rank, self.comm.size
         if os.environ.pop(NAMED, None):
             sys.stderr.write(f"{RANK}{self.rank} {os.getpid()}\n")
-        self.local = self._comm.Split_type(mpi.COMM_TYPE_SHARED).rank
+        self.local = self.comm.Split_type(mpi.COMM_TYPE_SHARED).rank
         self._asked: Any = None
         self._said, self._heard = np.zeros(1, np.int8), np.zeros(1, np.int8)
         atexit.register(self._settle)
         self._tell, sys.excepthook = sys.excepthook, self._fail
         threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
-
-    def messages(self, outgoing: Arrays, incoming: Arrays) -> Messages:
-        """Return messages between arrays of this rank and of others; a single process has none."""
-        return Messages(self._comm, outgoing, incoming)
 
     def reaches(self, device: str) -> bool:
         """Return whether messages need no copies between a device and the host.
@@ -127,7 +123,7 @@ class Communicator:
         if not self.shared:
             return mine.ravel()
         room = np.empty(sum(counts), mine.dtype) if out is None else out
-        _complete(self._comm.Iallgatherv(np.ascontiguousarray(mine), (room, counts)).Test)
+        _complete(self.comm.Iallgatherv(np.ascontiguousarray(mine), (room, counts)).Test)
         return room
 
     def of_each(self, mine: float) -> NDArray[Any]:
@@ -137,7 +133,7 @@ class Communicator:
     def tell_all(self, mine: T) -> list[T]:
         """Return an object of each rank."""
         self._wait_for_all()
-        return list(self._comm.allgather(mine)) if self.shared else [mine]
+        return list(self.comm.allgather(mine)) if self.shared else [mine]
 
     def on_root(self, function: Callable[[], T]) -> T:
         """Return the function's result, or raise its error, from a call on rank 0 alone."""
@@ -150,7 +146,7 @@ class Communicator:
             except Exception as raised:
                 told = None, raised
         self._wait_for_all()
-        value, error = self._comm.bcast(told)
+        value, error = self.comm.bcast(told)
         if error is not None:
             raise error
         return cast(T, value)
@@ -165,7 +161,7 @@ class Communicator:
         self._settle()
         found = bool(self._heard[0])  # zero at the first call
         self._said[0] = mine
-        self._asked = self._comm.Iallreduce(self._said, self._heard, self._mpi.MAX)
+        self._asked = self.comm.Iallreduce(self._said, self._heard, self._mpi.MAX)
         return found
 
     def _settle(self) -> None:
@@ -186,7 +182,7 @@ class Communicator:
 
     def _wait_for_all(self) -> None:
         if self.shared:
-            _complete(self._comm.Ibarrier().Test)
+            _complete(self.comm.Ibarrier().Test)
 
     def _fail(self, kind: type[BaseException], error: BaseException, trace: Any) -> None:
         """End all ranks after an uncaught exception: others may wait for this one."""
@@ -198,7 +194,7 @@ class Communicator:
         if self.shared and not _complete(self._failures.Ibarrier().Test, PATIENCE):
             sys.stderr.write(f"swe-sphere: rank {self.rank} of {self.size}: {line}\n")
             time.sleep(0.2)  # so that mpiexec prints the line before it ends all ranks
-            self._comm.Abort(1)
+            self.comm.Abort(1)
             time.sleep(10.0 * PATIENCE)  # until mpiexec ends this process
 
 
