@@ -15,8 +15,9 @@ from swe_sphere.equations.right_hand_side import (
     COMPONENTS,
     Operator,
     RightHandSide,
+    element_terms,
     fluid_operations,
-    needs_base,
+    pointwise_terms,
 )  # fmt: skip
 from swe_sphere.equations.scene import Scene
 from swe_sphere.equations.spectrum import Spectrum, spectral_radius
@@ -249,8 +250,10 @@ class Model(DiscreteScene):
         """Return a new Jacobian; call its `update` with a state and a time before the first use."""
         if not all(effect.differentiable for effect in self.scene.effects):
             return DifferenceJacobian(self, self.names, self.tendency)
-        needed = self.tracers is not None or needs_base(self)
-        base = self.zeros() if needed else None
+        terms = element_terms(self.scene, "tangent")
+        point = pointwise_terms(self.scene, "tangent", self.parameters)
+        depends = "base" not in self.parameters and (terms.gradient or point.needs_base)
+        base = self.zeros() if depends or self.tracers is not None else None
         return ExactJacobian(self.right_hand_side("tangent", base=base), base)
 
     def spectrum(self, state: wp.array, t: float = 0.0) -> Spectrum:

@@ -118,13 +118,6 @@ def fluid_operations(
     return operations
 
 
-def needs_base(model: DiscreteScene) -> bool:
-    """True if the tangent depends on the state at which it is taken."""
-    terms = element_terms(model.scene, "tangent")
-    point = pointwise_terms(model.scene, "tangent", model.parameters)
-    return "base" not in model.parameters and (terms.gradient or point.needs_base)
-
-
 def term_operations(
     model: DiscreteScene, terms: Terms, point: Pointwise = NO_POINTWISE,
     given: Mapping[str, Any] | None = None, stage: Any = None, source: wp.array | None = None,

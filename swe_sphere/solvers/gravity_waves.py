@@ -77,17 +77,14 @@ def explicit_spectrum(model: Model, state: wp.array, t: float = 0.0) -> Spectrum
     inertial = INERTIAL * float(np.abs(model.coriolis).max())
     wave = max(advection_rate(model, state, t), inertial)
     if any(effect.name not in EFFECTS for effect in model.scene.effects):
-        ones = np.ones(model.fluid_size)
-        linear = wave_operator(model, state_of_rest(model))
-        image = model.device_mesh.upload(ones)
-        space = VectorSpace(ones, model.device, model.device_mesh.real)
+        linear, image = wave_operator(model, state_of_rest(model)), model.zeros(model.fluid_size)
         tendency = model.right_hand_side("conservative", fluid_only=True)
 
         def rest(x: wp.array, out: wp.array) -> None:
             """Set out = (F - L) x for wind and depth."""
             tendency(x, t, out)
             linear(x, image)
-            space.axpy(-1.0, image, out)
+            model.launch.combine(out, image, -1.0, out=out)
 
         wave = max(wave, spectral_radius(model, state, rest))
     return Spectrum(wave, model.dissipation_radius(state))
