@@ -12,8 +12,6 @@ from swe_sphere.kernels.coarse import sweep, tall_parts, tall_product, tall_tota
 from swe_sphere.operators.device_mesh import DeviceMesh, Field
 from swe_sphere.operators.launch import Launcher
 
-Int = NDArray[np.int64]
-
 
 def vector(mesh: DeviceMesh, size: int) -> Field:
     """Return zeros (size,) in whole registers, with one register before and one behind."""
@@ -23,7 +21,7 @@ def vector(mesh: DeviceMesh, size: int) -> Field:
 
 def _grouped(
     mesh: DeviceMesh, matrix: scipy.sparse.csr_array, shifted: bool
-) -> tuple[wp.array, Int, wp.array]:
+) -> tuple[wp.array, NDArray[np.int64], wp.array]:
     """Return the first entry of each group of `lanes` rows, then columns and registers of entries.
 
     A group has one register for each column with an entry in the group. If `shifted`, columns are

@@ -37,10 +37,8 @@ steps of a state extrapolated by half a step are stable up to 1."""
 MOST_STAGES = 1000
 """Largest number of stages; so many smooth out whole elements in a step."""
 
-Stage = tuple[float, float, float, float]
 
-
-def legendre_stages(reach: float, order: int = 2) -> list[Stage]:
+def legendre_stages(reach: float, order: int = 2) -> list[tuple[float, float, float, float]]:
     """Return coefficients (mu, nu, a, b) of the stages for a rate times step of up to `reach`.
 
     The changes are d_j = Y_j - Y_0 = mu d_(j-1) + nu d_(j-2) + a dt F(Y_(j-1)) + b dt F(Y_0).
