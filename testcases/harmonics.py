@@ -221,10 +221,12 @@ def random_streamfunction(
         row = draw((n + 1, 2)) @ np.array([1.0, 1.0j])
         row[0] = np.sqrt(2.0) * row[0].real
         found[n, : n + 1] = row
-    n = np.arange(2.0, degree + 1.0)
-    wanted = spectrum(n)
+    degrees = np.arange(2.0, degree + 1.0)
+    wanted = spectrum(degrees)
     wanted = 0.5 * speed**2 * wanted / wanted.sum()
-    energy = 0.5 * n * (n + 1.0) / radius**2 * mean_squares(found)[2:]  # the mean of |v|²/2
+    energy = (
+        0.5 * degrees * (degrees + 1.0) / radius**2 * mean_squares(found)[2:]
+    )  # the mean of |v|²/2
     found[2:] *= np.sqrt(wanted / energy)[:, None]
     return found
 

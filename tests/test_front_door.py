@@ -12,7 +12,7 @@ import pytest
 import swe_sphere
 
 WITH_EXAMPLES = {
-    "Mesh", "Scene", "Simulation", "diagnostic", "every", "list_scenes", "list_steppers",
+    "Mesh", "Output", "Scene", "Simulation", "diagnostic", "every", "list_scenes", "list_steppers",
     "open_run", "sweep", "verify",
 }  # fmt: skip
 TO_DERIVE_FROM = {
