@@ -19,7 +19,7 @@ DEFAULTS = {
     "newton_iterations": 0, "krylov_iterations": 0, "rejected_steps": 0, "wall_seconds": 3.0,
     "cpu_seconds": 3.0, "spread": 0.02,
     "compile_seconds": 1.5, "setup_seconds": 0.2, "total_seconds": 5.0,
-    "gravity_limit": 248.0, "advective_limit": 3100.0,
+    "stable_dt": np.inf, "gravity_limit": 248.0, "advective_limit": 3100.0,
     "mass_drift": 1e-15, "energy_drift": -1e-7, "enstrophy_drift": 1e-5,
 }  # fmt: skip
 
@@ -106,7 +106,7 @@ def _run(scene, stepper, ne, np_, gravity, dt, rng) -> dict:
         "krylov_iterations": round(krylov * steps),
         "newton_iterations": 0 if explicit or "semi" in stepper else round(1.7 * steps),
         "wall_seconds": 1.1 * wall, "cpu_seconds": wall if stable else wall * 0.1,
-        "spread": second / first - 1.0, "gravity_limit": gravity,
+        "spread": second / first - 1.0, "stable_dt": limit, "gravity_limit": gravity,
         "advective_limit": gravity * 12.5,
         "status": "completed" if stable else "unstable",
         "reason": "" if stable else f"wind of {rng.uniform(1e3, 9e3):.0f} m/s at day 1.3",

@@ -23,7 +23,7 @@ from swe_sphere.equations.effects import (
     Viscosity,
 )
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.scene import apply_settings
+from swe_sphere.equations.scene import PARAMETERS, apply_settings
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.restart import run_sources
@@ -271,6 +271,10 @@ def test_its_parameters_are_set_as_those_of_others(path: Path) -> None:
         ("return -rate * u, -rate * v", "return -c.cubic * u, v", "friction .*cubic"),
         ('name = "friction"', 'name = "drag"', "name of an effect of the package"),
         ('name = "friction"', 'name = "Big Friction"', "small letters"),
+        *(
+            ('name = "friction"', f'name = "{name}"', "the model uses this name for something else")
+            for name in (*PARAMETERS, "scene", "stepper")
+        ),
         ("linear: float = 1e-5", "linear: float = math.nan", "friction: linear must be finite"),
         (
             "linear: float = 1e-5",

@@ -57,6 +57,15 @@ def test_curves_are_named_in_the_order_of_families(dataset):
     assert rows == expected
 
 
+def test_a_bar_marks_the_spectral_limit_of_each_stepper_that_has_one(dataset):
+    drawn = dataset.sweep.plot_limits().lines
+    bars = {line.get_ydata()[0]: line.get_xdata()[0] for line in drawn if line.get_marker() == "|"}
+    runs = dataset.to_dataframe().groupby("stepper")["stable_dt"].max()
+    rows = ["leapfrog", "rk4", "semi-implicit", "ars343", "tr-bdf2", "bdf2", "esdirk4"]
+    expected = {row: runs[name] for row, name in enumerate(rows) if np.isfinite(runs[name])}
+    assert bars == pytest.approx(expected) and 0 < len(bars) < len(rows)
+
+
 def test_axes_say_that_errors_are_relative(dataset):
     label = dataset.sweep.plot_cost(kind="total").get_ylabel()
     assert label == "relative total error\nl2(h)"

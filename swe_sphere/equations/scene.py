@@ -55,6 +55,8 @@ KINDS: Mapping[str, type] = {
 
 FIELDS = ("bottom", "coriolis", "equilibrium")
 """Functions of a scene that a `PointwiseEffect` may read."""
+PARAMETERS = (*FIELDS, "base", "gravity", "laplacian", "nu", "nu4", "point", "wind")
+"""Names of values in kernels, which no `PointwiseEffect` may have; `forcing` is an effect."""
 
 
 @dataclass(frozen=True)
@@ -293,8 +295,10 @@ def _wrong_formulas(scene: Scene, effect: PointwiseEffect) -> Iterator[str]:
     label = f"effect {effect.name!r}"
     if EFFECTS.get(effect.name, type(effect)) is not type(effect):
         yield f"{label} has the name of an effect of the package: choose another"
-    if not re.fullmatch(r"[a-z][a-z0-9-]*", effect.name) or effect.name in (SCENE, STEPPER):
+    if not re.fullmatch(r"[a-z][a-z0-9-]*", effect.name):
         yield f"{label}: a name must consist of small letters, digits and -"
+    if effect.name in (SCENE, STEPPER, *PARAMETERS):
+        yield f"{label}: the model uses this name for something else: choose another"
     if effect.needs not in (None, *FIELDS):
         yield f"{label} needs {shown(effect.needs)}, which is not one of {', '.join(FIELDS)}"
     if effect.needs is not None and getattr(scene, effect.needs) is None:

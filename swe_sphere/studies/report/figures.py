@@ -186,17 +186,19 @@ class Curves(NamedTuple):
 
 
 def draw_limits(axes: Axes, runs: pd.DataFrame, family: str = "") -> None:
-    """Draw a line of steps for each stepper: markers where runs completed, crosses elsewhere."""
+    """Draw a row for each stepper: completed runs, crosses for failed ones, its spectral limit."""
     known = [(name, *of) for name, of in looks(runs["stepper"]).items() if family in ("", of[0])]
     for row, (name, _, look) in enumerate(known):
         own = runs[(runs["stepper"] == name) & (runs["dt"] > 0.0)]
         good, bad = own["dt"][own["completed"]], own["dt"][own["status"].isin(FAILED)]
         axes.plot(good, [row] * len(good), markersize=4.0, linewidth=0.8, **look)
         axes.plot(bad, [row] * len(bad), "x", markersize=4.0, color=look["color"])
+        if math.isfinite(limit := own["stable_dt"].astype(float).max()):
+            axes.plot(limit, row, "|", markersize=12.0, color=look["color"])
     _mark_limits(axes, runs)
     axes.set_ylim(len(known) - 0.5, -0.5)
     axes.set_yticks(range(len(known)), [name for name, *_ in known])
-    axes.set(xscale="log", xlabel="Δt [s]; crosses: unstable, or the solver failed")
+    axes.set(xscale="log", xlabel="Δt [s]; bar: spectral limit; crosses: failed runs")
     axes.xaxis.set_major_formatter("{x:g}")
 
 
