@@ -211,6 +211,8 @@ MISTAKES = {
     "run williamson2 --out .": "out: . is a folder",
     "run williamson2 --plot p.txt": "plot: p.txt must end in .png",
     "run williamson2 --restart none.nc": "there is no file none.nc",
+    "run williamson2 --trust none.py": "there is no file none.py",
+    "run williamson2 --fields h": "fields: there is no file for them: give out, the name of one",
     "run williamson2 --restart damaged.nc": "cannot read damaged.nc",
     "run williamson2 --reference damaged.nc": "cannot read damaged.nc",
     "run --config none.toml": "cannot read none.toml",

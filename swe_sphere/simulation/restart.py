@@ -67,7 +67,7 @@ def check_paths(config: RunConfig) -> None:
     written to, a picture has an unknown ending, or an existing file would be replaced without
     `overwrite`.
     """
-    for path in (config.restart, config.initial, config.reference):
+    for path in (config.restart, config.initial, config.reference, *config.trust):
         if path is not None and not path.exists():
             raise ConfigError(f"there is no file {path}")
     outputs, seen = [("output", output.path) for output in config.outputs], set[Path]()

@@ -844,6 +844,8 @@ def run_scene(
     """
     started = time.perf_counter()
     world().on_root(lambda: check_paths(config))
+    if config.fields and config.out is None and config.plot is None:
+        raise ConfigError("fields: there is no file for them: give out, the name of one")
     sim = Simulation(config.scene, config=config)
     live = [] if config.live is None else [live_view(config.live, sim.comm)]
     with ExitStack() as stack:
