@@ -12,7 +12,7 @@ from swe_sphere.equations.effects import Tracers
 from swe_sphere.equations.right_hand_side import Operation, element_terms, term_operations
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels import Terms, specialise
+from swe_sphere.kernels import Terms
 from swe_sphere.kernels.tracers import mass_flux, raised, raised_tangent
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.tracers import Limiter, MixingRatio, TracerTransport
@@ -104,9 +104,8 @@ class _Diffusion:
     def __init__(self, tracers: TracerEquations, model: DiscreteScene, terms: Terms) -> None:
         mesh, count = model.device_mesh, tracers.count
         self._model, self._launch = model, model.launch
-        self._kernel, self._tangent_kernel = (
-            specialise(kernel, mesh.real) for kernel in (raised, raised_tangent)
-        )
+        kernels = model.launch.compile(mesh.real, raised, raised_tangent)
+        self._kernel, self._tangent_kernel = kernels
         self._dim, self._first, self._size = (count, mesh.size), tracers.first, mesh.size
         self._offsets = (tracers.depth, tracers.first, mesh.size)
         has_bottom = model.scene.bottom is not None
