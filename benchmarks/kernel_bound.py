@@ -281,9 +281,10 @@ def kernels() -> Section:
     draw(cases, PAGES / "performance.svg")
     return Section(
         f"A right-hand side of {SCENE} with DSS on one core",
-        "Nanoseconds per element node, for this package and for a C program with the same arrays"
-        f" (np known to its compiler, `{' '.join(FLAGS)}`): least time of {ROUNDS} calls, which are"
-        " made in turns, and the median of the whole right-hand side.",
+        "The table shows nanoseconds an element node, for this package and for a C program with the"
+        f" same arrays (np known to its compiler, `{' '.join(FLAGS)}`). Each time is the least of"
+        f" {ROUNDS} calls, which were made in turns; *median* is the median of the whole right-hand"
+        " side.",
         HEAD,
         [_row(case) for case in cases],
     )

@@ -32,7 +32,7 @@ RUN = ["run", "williamson5", "--ne=2", "--np=4", "--days=1", "--every=1", "--qui
 MARK = "SWE_SPHERE_KILL_RANKS"
 """Environment variable that identifies the processes of a job."""
 HEADS = ["kill", "stepper", "rank", "after [s]", "job ended in [s]", "status", "lines on stderr",
-         "frames left, all as they should be", "resumes"]  # fmt: skip
+         "intact frames left", "resumes"]  # fmt: skip
 
 
 def started(token: str, *arguments: str) -> subprocess.Popen[str]:

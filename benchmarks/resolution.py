@@ -127,7 +127,8 @@ def write_map(
     """Write the page of a map, README.md, its figures (SVG) and steps.csv; return the page's path.
 
     elsewhere: sweeps on another machine, whose ratios are shown beside those of this one.
-    findings: Markdown below the first table: what the measurement shows, and its limits.
+    findings: Markdown: what the measurement shows, and its limits.  Its first paragraph precedes
+    the first table, the others follow.
     Raises as `best_steps`.
     """
     best = best_steps(datasets)
@@ -198,7 +199,7 @@ def main(
     """Write the map of the sweeps of a recipe, from the folder `sweeps` to the folder `out`.
 
     elsewhere: folder of sweeps of the same recipe on another machine.
-    findings: Markdown file whose text follows the first table.
+    findings: Markdown file whose first paragraph precedes the first table; its others follow.
     """
     loaded = load_recipe(recipe)
 
