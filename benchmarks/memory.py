@@ -69,8 +69,8 @@ def estimate() -> Section:
         rows.append([family, *(cells.get(np, "") for np in ESTIMATED)])
     return Section(
         "Table of the estimate",
-        "The table shows bytes an element node beyond those of the same run on ne2, for runs of 0.02"
-        " days on " + ", ".join(f"ne{ne} np{np}" for np, ne in ESTIMATED.items()) + ".",
+        "The table shows bytes an element node beyond those of the same run on ne2, for runs of"
+        " 0.02 days on " + ", ".join(f"ne{ne} np{np}" for np, ne in ESTIMATED.items()) + ".",
         ["family", *(f"np {np}" for np in ESTIMATED)],
         rows,
     )  # fmt: skip
