@@ -214,7 +214,11 @@ def random_streamfunction(
     spectrum: function of the degrees (k,) that returns their energies (k,), up to a factor. degree:
     highest degree; the lowest is 2, because degree 1 has angular momentum. speed: root mean square
     of the wind [m s-1]. radius: radius of the planet [m]. seed: seed of the random phases.
+
+    Raises ConfigError for a negative seed.
     """
+    if seed < 0:
+        raise ConfigError(f"scene.seed must not be negative, got {seed}")
     draw = np.random.Generator(np.random.PCG64(seed)).standard_normal
     found = np.zeros((degree + 1, degree + 1), dtype=np.complex128)
     for n in range(2, degree + 1):
@@ -269,8 +273,6 @@ def turbulence(
         raise ConfigError(f"turbulence: wavenumber must be 2 to 40, got {wavenumber}")
     if not speed > 0.0:
         raise ConfigError(f"turbulence: speed must be positive, got {speed}")
-    if seed < 0:
-        raise ConfigError(f"turbulence: seed must not be negative, got {seed}")
 
     def spectrum(n: Array) -> Array:
         ratio: Array = np.sqrt(4.0 * n * wavenumber) / (n + wavenumber)  # 1 at the peak

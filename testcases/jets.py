@@ -47,8 +47,6 @@ def galewsky(
             spherical harmonics from 2 to 20, for the members of an ensemble; 0 for no such winds.
         noise: root mean square of the random winds [m s-1].
     """
-    if seed < 0:
-        raise ConfigError(f"galewsky: seed must not be negative, got {seed}")
     jet = replace(JET, speed=speed)
     found = random_streamfunction(np.ones_like, 20, noise, EARTH.radius, seed)
     random = BalancedFlow(found, EARTH, 0.0, linear=True)

@@ -68,8 +68,6 @@ def williamson7(
     Raises ConfigError for a file without the required contents, and a degree or seed out of range.
     """
     if file is None:
-        if seed < 0:
-            raise ConfigError(f"williamson7: seed must not be negative, got {seed}")
         title, source = "SYNTHETIC 500 hPa-like flow", "SYNTHETIC initial state"
         initial: State = BalancedFlow(_streamfunction(seed), EARTH, DEPTH, linear=True).state
     else:

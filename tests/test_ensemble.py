@@ -165,7 +165,7 @@ def test_a_member_whose_file_does_not_say_its_length_is_not_kept(tmp_path):
     [
         ({}, (1,), ConfigError, "give 2 to 1000 different numbers, got 1"),
         ({}, (1, 1), ConfigError, "different numbers, got 1,1"),
-        ({}, (-1, 1), ConfigError, "galewsky: seed must not be negative"),
+        ({}, (-1, 1), ConfigError, "scene.seed must not be negative, got -1"),
         ({"scene": "williamson2"}, (1, 2), ConfigError, "has no parameter 'seed'"),
         ({"dt": 20000.0, "days": 5.0}, (1, 2), RunFailed, "seed 1: "),
     ],

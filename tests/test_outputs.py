@@ -150,8 +150,8 @@ def test_ranks_write_the_same_files(tmp_path):
     ("output", "message"),
     [
         (
-            {"path": "x.nc", "evry": 3},
-            "unknown option of output 'evry'; did you mean 'every'? There",
+            {"path": "x.nc", "ever": 3},
+            "unknown option of output 'ever'; did you mean 'every'? There",
         ),
         ({"every": 3}, "output: give a path"),
         ({"path": "x.nc", "every": -3.0}, "output: must be greater than 0, got -3.0"),

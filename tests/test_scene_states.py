@@ -127,7 +127,7 @@ def test_turbulence_is_the_same_for_the_same_seed_on_any_points() -> None:
         ({"wavenumber": 1}, "turbulence: wavenumber must be 2 to 40, got 1"),
         ({"wavenumber": "2.5"}, "turbulence: wavenumber must be a whole number, got '2.5'"),
         ({"speed": 0.0}, "turbulence: speed must be positive, got 0.0"),
-        ({"seed": -1}, "turbulence: seed must not be negative, got -1"),
+        ({"seed": -1}, "scene.seed must not be negative, got -1"),
     ],
 )
 def test_bad_turbulence(given: dict[str, float | str], message: str) -> None:
