@@ -5,11 +5,13 @@ each run, and progress where a bar shows it.
 """
 
 import logging
+import re
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import clear_errors
 
 LOGGER = logging.getLogger("swe_sphere")
@@ -47,12 +49,14 @@ def printed(level: int = logging.INFO) -> Iterator[None]:
 def kept_in(path: Path | None) -> Iterator[None]:
     """Append all lines in the block to a file, if one is given, with time and level.
 
-    Raises ConfigError if the file cannot be written.
+    Raises ConfigError if the file cannot be written, or exists and is not a log.
     """
     if path is None:
         yield
         return
     with clear_errors(f"cannot write {path}"):
+        if path.is_file() and not re.match(rb"\d{4}-\d\d-|$", path.read_bytes()[:8]):
+            raise ConfigError(f"log: {path} exists and is not a log: choose another name")
         handler = logging.FileHandler(path, encoding="utf-8")
     handler.handleError = lambda record: None  # type: ignore[method-assign]
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
@@ -64,4 +68,5 @@ def kept_in(path: Path | None) -> Iterator[None]:
         raise
     finally:
         LOGGER.removeHandler(handler)
-        handler.close()
+        with suppress(OSError):  # the disk is full
+            handler.close()

@@ -2,6 +2,7 @@
 
 import logging
 import re
+from pathlib import Path
 
 import pytest
 
@@ -66,7 +67,7 @@ def test_a_refused_run_stands_in_the_file(swe, tmp_path):
 
 def test_a_log_that_cannot_be_written_is_one_line(swe):
     status, out, err = swe(*SMALL, "--log", "none/run.log")
-    message = "swe-sphere: cannot write none/run.log: No such file or directory\n"
+    message = "swe-sphere: log: there is no folder none: make it first\n"
     assert (status, out, err) == (2, "", message)
 
 
@@ -83,3 +84,37 @@ def test_python_prints_no_line_twice(capfd):
     with pytest.warns(UserWarning, match="limit"):
         Simulation("williamson6", ne=2, np=4, dt=10800, every=3).run(days=0.25)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("file", "message"),
+    [
+        ("data.nc", "log: data.nc exists and is not a log: choose another name"),
+        ("run.nc", "log: run.nc is written twice: give each file a name of its own"),
+        (
+            "run.nc.restart",
+            "log: run.nc.restart is written twice: give each file a name of its own",
+        ),
+        ("", "log: . is a folder: give the name of a file in it"),
+    ],
+)
+def test_a_log_is_never_written_into_another_file(swe, tmp_path, file, message):
+    (tmp_path / "data.nc").write_bytes(b"CDF\x02 data")
+    status, out, err = swe(*SMALL, "--out", "run.nc", "--log", file)
+    assert (status, out, err) == (2, "", f"swe-sphere: {message}\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["data.nc"]
+    assert (tmp_path / "data.nc").read_bytes() == b"CDF\x02 data"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_a_full_disk_loses_lines_and_not_the_run(swe, tmp_path):
+    assert swe(*SMALL, "--out", "run.nc", "--log", "/dev/full", "--quiet") == (0, "", "")
+
+
+def test_the_command_that_resumes_stands_in_the_log_and_keeps_it(swe, tmp_path):
+    where = "--out", "run.nc", "--log", "run.log"
+    status, _, err = swe(*SMALL, "--dt", 60, "--time-limit", 0.001, *where, "--json")
+    assert status == 1 and "resume with" not in err
+    level, text = next(line for line in lines(tmp_path / "run.log") if "resume" in line[1])
+    assert level == "DEBUG" and text.startswith("resume with: swe-sphere run williamson6 --restart")
+    assert "--log run.log" in text

@@ -180,7 +180,7 @@ def test_faces_are_anticlockwise(written):
 def test_a_reserved_name_is_no_diagnostic(tmp_path, mesh, name):
     with (
         FrameWriter(tmp_path / "run.nc", mesh, {}) as writer,
-        pytest.raises(ValueError, match=f"cannot be called '{name}'"),
+        pytest.raises(ConfigError, match=f"cannot be called '{name}'"),
     ):
         writer.write(0.0, frame(mesh, 0), {name: 1.0})
     assert [*tmp_path.iterdir()] == []

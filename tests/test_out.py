@@ -156,9 +156,15 @@ def test_a_simulation_goes_on_in_the_file_it_wrote(tmp_path):
         whole.run(days=1.25, out=file)
 
 
-def test_with_overwrite_a_new_file_begins_at_the_checkpoint(finished):
-    go_on(finished, days=0.75, overwrite=True)
-    assert RunFile(finished).times.tolist() == [12.0 * HOUR, 15.0 * HOUR, 18.0 * HOUR]
+def test_a_run_that_resumes_does_not_replace_its_own_file(finished):
+    before = finished.read_bytes()
+    with pytest.raises(
+        ConfigError, match="overwrite: the run resumes in its file: leave overwrite"
+    ):
+        go_on(finished, days=0.75, overwrite=True)
+    assert finished.read_bytes() == before
+    go_on(finished, days=0.75)
+    assert RunFile(finished).times.tolist() == [k * HOUR for k in (0, 3, 6, 9, 12, 15, 18)]
 
 
 def test_a_checkpoint_of_another_run_is_refused(finished, tmp_path):

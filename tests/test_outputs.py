@@ -154,15 +154,17 @@ def test_ranks_write_the_same_files(tmp_path):
             "unknown option of output 'ever'; did you mean 'every'? There",
         ),
         ({"every": 3}, "output: give a path"),
-        ({"path": "x.nc", "every": -3.0}, "output: must be greater than 0, got -3.0"),
+        ({"path": "x.nc", "every": "6h"}, "output: every: must be a valid number, got '6h'"),
+        ({"path": "x.nc", "every": -3.0}, "output: every: must be greater than 0, got -3.0"),
         ({"path": "x.nc", "every": 0.7}, "no step near 1800 s fits"),
         ({"path": "x.nc", "fields": "q"}, "unknown field 'q'; there are: "),
         (
             {"path": "x.nc", "grid": "latlon:7"},
             "there is no grid 'latlon:7': use latlon:ROWSxCOLUMNS",
         ),
-        ({"path": "none/x.nc"}, "output: there is no folder none: make it first"),
-        ({"path": "run.nc"}, "output: run.nc is written twice: give each file a name of its own"),
+        ({"path": "none/x.nc"}, "/none: make it first"),
+        ({"path": "run.nc"}, "run.nc is written twice: give each file a name of its own"),
+        ({"path": "run.nc.restart"}, "restart is written twice: give each file a name of its own"),
         ("x.nc", "output: must be a list of outputs, got 'x.nc'"),
         (3, "output: must be a list of outputs, got 3"),
     ],
@@ -199,3 +201,58 @@ def test_schedules_meet_hours_that_frames_do_not(tmp_path):
     sim.run(days=0.25, outputs=[Output(tmp_path / "odd.nc", every=0.75, fields="h")])
     assert hours(tmp_path / "odd.nc") == [0.75 * k for k in range(9)]
     assert (0.75 * HOUR) % sim.plan.dt == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_run_that_resumes_into_another_file_continues_its_further_files(tmp_path, monkeypatch):
+    once, parts = tmp_path / "once", tmp_path / "parts"
+    for folder in (once, parts):
+        folder.mkdir()
+    simulation().run(days=0.75, out=once / "run.nc", outputs=files(once))
+    simulation().run(days=0.25, out=parts / "a.nc", outputs=files(parts))
+    monkeypatch.chdir(tmp_path)
+    Simulation.from_checkpoint(parts / "a.nc").run(days=0.5, out=parts / "b.nc")
+    Simulation.from_checkpoint(parts / "b.nc").run(days=0.75, out=parts / "c.nc")
+    assert same(once / "fine.nc", parts / "fine.nc")
+    assert same(once / "wind.nc", parts / "wind.nc")
+
+
+def test_a_run_that_resumes_elsewhere_finds_its_further_files(swe, tmp_path, monkeypatch):
+    (tmp_path / "run.toml").write_text(TABLES)
+    arguments = "--config", "run.toml", "--ne", 2, "--np", 4, "--out", "run.nc"
+    assert swe("run", "williamson6", *arguments)[0] == 0
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    resumed = "--restart", "../run.nc", "--out", "../run.nc", "--days", 0.75
+    status, out, _ = swe("run", "williamson6", *resumed)
+    assert status == 0 and "../wind.nc" in out
+    assert hours(tmp_path / "wind.nc") == [1.5 * k for k in range(13)]
+    assert [*(tmp_path / "elsewhere").iterdir()] == []
+
+
+def test_a_lost_file_begins_again_with_a_warning(tmp_path):
+    sim, wind = simulation(), [Output(tmp_path / "wind.nc", every=3, fields="u")]
+    sim.run(days=0.25, outputs=wind)
+    wind[0].path.unlink()
+    with pytest.warns(UserWarning, match=r"wind\.nc does not exist: it begins at day 0\.25"):
+        sim.run(days=0.5)
+    assert hours(wind[0].path) == [6, 9, 12]
+
+
+def test_another_grid_is_no_damage_of_the_file_that_a_run_resumes(tmp_path):
+    sim = simulation()
+    for grid in ("latlon:7x12", "latlon:9x12"):
+        wanted = [Output(tmp_path / "wind.nc", every=3, grid=grid)]
+        if grid == "latlon:7x12":
+            sim.run(days=0.25, outputs=wanted)
+    with pytest.raises(ConfigError, match="its frames hold other fields"):
+        sim.run(days=0.5, outputs=wanted)
+    assert hours(tmp_path / "wind.nc") == [0, 3, 6]
+
+
+def test_the_initial_file_is_not_replaced(tmp_path):
+    simulation().run(days=0.25, out=tmp_path / "first.nc")
+    before = (tmp_path / "first.nc").read_bytes()
+    sim = simulation(initial=tmp_path / "first.nc")
+    with pytest.raises(ConfigError, match="is the file from which the run starts"):
+        sim.run(days=0.25, outputs=[Output(tmp_path / "first.nc")], overwrite=True)
+    assert (tmp_path / "first.nc").read_bytes() == before

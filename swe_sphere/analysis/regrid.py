@@ -111,8 +111,7 @@ def on_grid(data: xr.Dataset, at: Interpolator, grid: Grid) -> xr.Dataset:
         found[name].attrs = {k: x for k, x in data[name].attrs.items() if k not in on_mesh}
     attributes = data.attrs | {"Conventions": "CF-1.11", "grid": grid.name}
     result = xr.Dataset({name: found[name] for name in names}, attrs=attributes)
-    profiles = [n for n, x in data.data_vars.items() if "time" in x.dims and "node" not in x.dims]
-    result = result.assign(data[profiles])
+    result = result.assign(data[profiles_of(data)])
     return result.assign_coords(_coordinates(grid, at.mesh.radius))
 
 
@@ -120,6 +119,11 @@ def fields_of(data: xr.Dataset) -> list[str]:
     """Return the names of the variables that have a value at each node."""
     names = [str(name) for name in data.data_vars if "node" in data[name].dims]
     return [name for name in names if name not in TOPOLOGY]
+
+
+def profiles_of(data: xr.Dataset) -> list[Hashable]:
+    """Return the names of the variables that have values at each time, but not at nodes."""
+    return [n for n, x in data.data_vars.items() if "time" in x.dims and "node" not in x.dims]
 
 
 def holding(data: xr.Dataset, *names: Hashable) -> list[xr.DataArray]:
@@ -205,14 +209,15 @@ def regrid_file(
 
 
 def _chosen(data: xr.Dataset, fields: Sequence[str]) -> xr.Dataset:
-    """Return the requested fields on the nodes, with the series of diagnostics."""
+    """Return the requested fields on the nodes, with the series; of all fields also profiles."""
     there = fields_of(data)
     for name in sorted({*fields}.difference(there)):
         raise unknown_name("field", name, there)
-    series = [name for name in data.data_vars if data[name].dims == (SERIES,)]
+    others = [name for name in data.data_vars if data[name].dims == (SERIES,)]
+    others += [] if fields else profiles_of(data)
     # the directions east and north vary in space: the wind is interpolated as a vector
     whole = ["u", "v"] if {"u", "v"} & set(fields) else []
-    return data[[*dict.fromkeys([*(fields or there), *whole]), *series]]
+    return data[[*dict.fromkeys([*(fields or there), *whole]), *others]]
 
 
 def _frames(path: Path, data: xr.Dataset, at: Interpolator, grid: Grid) -> Iterator[xr.Dataset]:

@@ -32,7 +32,7 @@ from swe_sphere.simulation.build import make_scene
 from swe_sphere.simulation.config import RunConfig, load_config, make_config
 from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.simulation.observers import LogLines, Observer, ProgressBar
-from swe_sphere.simulation.restart import read_restart
+from swe_sphere.simulation.restart import check_paths, read_restart
 from swe_sphere.simulation.simulation import run_scene
 from swe_sphere.simulation.summary import Summary, failed_summary
 
@@ -70,6 +70,7 @@ def run(
             return start_ranks(ranks, mesh.ne or make_scene(mesh).ne, context.obj)
         if ranks not in (None, comm.size):
             raise ConfigError(f"ranks={ranks}: {comm.size} are running already: leave ranks out")
+        comm.on_root(lambda: check_paths(asked))
         level = logging.ERROR if asked.quiet or comm.rank else logging.INFO
         with printed(level), kept_in(None if comm.rank else asked.log):
             summary = _run(asked)
@@ -108,14 +109,16 @@ def _tell_end(summary: Summary, config: RunConfig) -> None:
         named = not (config.out and config.out.exists()) or str(config.out) in summary.reason
         kept = "" if named else f"; {config.out} keeps all that was written"
         LOGGER.error("%s%s", in_one_line(summary.reason), kept)
-    if config.out and not config.as_json and summary.status in ("interrupted", "timed-out"):
+    if config.out and summary.status in ("interrupted", "timed-out"):
         words = ["swe-sphere", "run", config.scene, "--restart", str(config.out)]
         words += ["--out", str(config.out), "--days", f"{summary['days_planned']:.12g}"]
         methods = (config.stepper, config.preconditioner or "")
         code = {*map(str, config.trust), *filter(is_user_file, methods)}
         words += [word for file in sorted(code) for word in ("--trust", file)]
+        words += ["--log", str(config.log)] if config.log else []
         words += [word for file in config.diagnostics for word in ("--diagnostics", str(file))]
-        LOGGER.info("resume with: %s", shlex.join(words))
+        level = logging.DEBUG if config.as_json else logging.INFO
+        LOGGER.log(level, "resume with: %s", shlex.join(words))
 
 
 def _show_summary(summary: Summary, config: RunConfig) -> None:
@@ -126,7 +129,7 @@ def _show_summary(summary: Summary, config: RunConfig) -> None:
         from rich.console import Console
         from rich.table import Table
 
-        outputs = ", ".join(str(output.path) for output in config.outputs) or None
+        outputs = ", ".join(os.path.relpath(path) for path in summary.get("outputs") or ()) or None
         files = {"frames": config.out, "further files": outputs, "picture": config.plot}
         table = Table(show_header=False, title=summary.title)
         for line in (*summary.rows(), *files.items()):

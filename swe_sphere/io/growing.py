@@ -132,8 +132,9 @@ class GrowingFile(GrowingOutput):
         with mmap.mmap(self._descriptor, 0, access=mmap.ACCESS_READ) as header:
             before = [*self._lengths.values()][: [*self._lengths].index("time")]
             self._first = header.find(MARK) - 8 * sum(before)  # offset of the first record
-            # dimensions come first: a name, padded to whole words of four bytes, and a length
-            self._samples_at = header.find(SERIES.encode()) + 4 * math.ceil(len(SERIES) / 4)
+            # dimensions come first: a name after its length, padded to words of four bytes, a size
+            name = len(SERIES).to_bytes(4, "big") + SERIES.encode()
+            self._samples_at = header.find(name) + 4 * math.ceil(len(name) / 4)
             self._summary_at = header.find(b" " * SUMMARY_BYTES)
         self._count(RECORDS_AT, 0)
         os.truncate(self._descriptor, self._first)

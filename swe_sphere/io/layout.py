@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from swe_sphere import __version__
 from swe_sphere.arrays import Array
+from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.settings.values import read_toml
 
@@ -116,7 +117,7 @@ def file_dataset(
     user-defined; without any series the file has no dimension for them. profiles: values of the
     fields that are no fields of the nodes.
 
-    Raises ValueError if the name of a series is already used in the file.
+    Raises ConfigError if the name of a series is already used in the file.
     """
     import xarray as xr
 
@@ -145,7 +146,7 @@ def file_dataset(
         data[SERIES] = (SERIES, unknown, {**TIME, "long_name": "time of the diagnostics"})
     for name, own in diagnostics.items():
         if name in data:
-            raise ValueError(f"a diagnostic cannot be called {name!r}: the file has that variable")
+            raise ConfigError(f"a diagnostic cannot be called {name!r}: the file has that variable")
         usual = {"long_name": name.replace("_", " "), "units": "1"}
         data[name] = (SERIES, unknown, {**MISSING, **VARIABLES["series"].get(name, usual), **own})
     about = {

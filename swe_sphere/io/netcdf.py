@@ -215,19 +215,23 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         self._growing.define(data)
         self._growing.set_summary(json.dumps({"completed": False}))
         if self._earlier is not None:
-            self._copy_frames(self._earlier.times)
+            self._copy_frames(self._earlier.times, data)
         for k, time in enumerate(times):
             sample = {name: earlier[name][k] for name in self._series if name in earlier}
             self._growing.add_sample(self._sample(time, sample))
 
-    def _copy_frames(self, times: Array) -> None:
+    def _copy_frames(self, times: Array, new: xr.Dataset) -> None:
         """Copy the frames of the earlier run; raises ConfigError if they contain other fields.
 
         Frames that the run wrote after its last checkpoint are omitted: they are written again.
         """
         names = {"time", *self._fields}
         with reading(self.path) as data:
-            if {name for name, v in data.variables.items() if "time" in v.dims} != names:
+            ours, theirs = (
+                {name: v.shape[1:] for name, v in of.variables.items() if "time" in v.dims}
+                for of in (new, data)
+            )
+            if ours != theirs:
                 raise ConfigError(f"cannot resume in {self.path}: its frames hold other fields")
             for k in range(np.count_nonzero(times < self._from)):
                 values = {n: checked(self.path, n, data[n].isel(time=k).variable) for n in names}

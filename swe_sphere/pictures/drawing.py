@@ -88,7 +88,8 @@ class Drawing:
         if against is not None:
             what = "error" if isinstance(against, Exact) else "difference"
             kind = replace(kind, title=f"{what} of {kind.title}", colours="vik", diverging=True)
-        drawn = kind.contours if look.contours is None else look.contours
+        drawn = kind.contours or look.levels is not None
+        drawn = drawn if look.contours is None else look.contours
         self.kind = replace(kind, contours=drawn)
         self.colours = look.colour_map(self.kind)
         self._points = grid.lon.ravel(), grid.lat.ravel()

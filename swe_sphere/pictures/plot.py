@@ -105,7 +105,8 @@ def draw_state(
     field, look: as for `plot_file`. time: the frame [s]; None for the last. ax: axes of cartopy,
     which keep projection, extent and title; None for a new figure with titles and a caption.
 
-    Raises ConfigError for a missing field, and for axes that are not of cartopy.
+    Raises ConfigError for a missing field, for axes that are not of cartopy, and for a projection
+    or region beside axes.
     """
     look, field = look or Look(), check_field(field or default_field(state), state.about)
     if not (within := ax is not None):
@@ -118,6 +119,9 @@ def draw_state(
         raise ConfigError(
             "ax must be axes of cartopy: figure.add_subplot(projection=cartopy.crs.Robinson())"
         )
+    elif given := look.model_fields_set & {"projection", "centre", "region"}:
+        names = ", ".join(sorted(given))
+        raise ConfigError(f"ax keeps its projection and extent: leave out {names}")
     elif ax.get_autoscale_on():
         ax.set_global()
     time = state.nearest(time)

@@ -159,6 +159,8 @@ def validated(model: type[M], values: Mapping[str, object]) -> M:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         name = flag_of(str(first["loc"][0])) if first["loc"] else "configuration"
+        if name == "output" and len(first["loc"]) > 2:
+            name = f"{name}: {first['loc'][2]}"
         line = f"{name}: {complaint(error)}, got {shown(first['input'])}"
         if first["type"] == "extra_forbidden":
             raise unknown_name("option", str(first["loc"][0]), sorted(model.model_fields)) from None

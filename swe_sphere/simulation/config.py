@@ -1,6 +1,6 @@
 """The configuration of a run: one frozen object, from flags, a TOML file, or Python."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypedDict
@@ -104,7 +104,7 @@ class Output:
         'completed'
     """
 
-    path: FileName
+    path: Annotated[FileName, AfterValidator(Path.absolute)]
     """Name of the file: netCDF, or a Zarr store if it ends in .zarr."""
     every: Hours | None = None
     """Time between frames [h]; None: that of the run, whose last state is a frame then."""
@@ -116,10 +116,11 @@ class Output:
 
 def _outputs(given: Any) -> object:
     """Return a list of outputs or tables; ConfigError for an unknown key or another type."""
-    found = [given] if isinstance(given, Output | Mapping) else given
     known = [field.name for field in fields(Output)]
-    for each in found if isinstance(found, Sequence) else [found]:
-        if not isinstance(each, Output | Mapping) or isinstance(found, str):
+    is_list = isinstance(given, Iterable) and not isinstance(given, str | Mapping)
+    found = [*given] if is_list else [given]
+    for each in found:
+        if not isinstance(each, Output | Mapping):
             raise ConfigError(f"output: must be a list of outputs, got {shown(given)}")
         for name in each if isinstance(each, Mapping) else ():
             if name not in known:

@@ -218,11 +218,12 @@ class Diagnostic:
                 f"{what} returned an array of shape {value.shape}: return one number, a field of"
                 f" {size} values, one a node, or a profile, an xarray.DataArray with one dimension"
             )
-        kind = "profile" if is_profile else "field" if value.ndim else "number"
-        first, size = sim.own_kinds.setdefault(self, (kind, value.size))
-        if (first, size) != (kind, value.size):
-            about = f"{first} of {size} values" if is_profile else first
-            raise RunFailed(f"{what} was a {about} at first and is none now: return the same kind")
+        axis = [(n, *x.values.tolist()) for n, x in value.coords.items()] if is_profile else []
+        if sim.own_kinds.setdefault(self, (value.ndim, axis)) != (value.ndim, axis):
+            raise RunFailed(
+                f"{what} is no number, field or profile with the coordinate that it was at first:"
+                " return the same kind"
+            )
         if self not in sim.lost and not np.isfinite(value).all():
             sim.lost.add(self)
             sim.warn(f"{what} is NaN or infinite at day {sim.time / DAY:.4g}")
@@ -231,14 +232,20 @@ class Diagnostic:
     def _as_numbers(self, found: Any) -> Any:
         if found is None:
             raise TypeError("it returned nothing")  # numpy would convert None to NaN
-        dims: tuple[Any, ...] = getattr(found, "dims", ())
-        if len(dims) != 1 or dims == ("node",):
+        if np.iscomplexobj(found):
+            raise TypeError("it returned complex numbers")
+        dims = getattr(found, "dims", ())
+        if not isinstance(dims, tuple) or len(dims) != 1 or dims == ("node",):
             return np.asarray(found, dtype=np.float64)
-        axis = found[dims[0]]  # with a name that no other variable of a file has
-        own = found.astype(np.float64).reset_coords(drop=True).drop_vars(dims[0], errors="ignore")
-        own = own.rename({dims[0]: (name := f"{self.name}_{dims[0]}")})
-        about = {key: value for key, value in axis.attrs.items() if key != "bounds"}
-        return own.assign_coords({name: (name, axis.values.astype(float), about)})
+        axis, name = found[dims[0]], f"{self.name}_{dims[0]}"  # a name of no other variable
+        if not found.size or axis.dtype.kind not in "fiu" or not np.isfinite(axis.values).all():
+            raise ValueError("a profile needs values, and finite numbers as its coordinate")
+        if not name.isidentifier() or _is_taken(name) or name in DIAGNOSTICS:
+            raise ValueError(f"the dimension {dims[0]!r} needs another name")
+        kept = {k: x for k, x in axis.attrs.items() if isinstance(x, str) and k != "bounds"}
+        about = {k: x for k, x in found.attrs.items() if isinstance(x, str)}
+        coordinate = {name: (name, axis.values.astype(np.float64), kept)}
+        return type(found)(np.asarray(found, dtype=np.float64), coordinate, [name], attrs=about)
 
 
 DIAGNOSTICS: dict[str, Diagnostic] = {}

@@ -213,7 +213,8 @@ class Recorder(Observer):
         from swe_sphere.io.netcdf import FrameWriter  # netCDF4 is slow to import
 
         sim, plan, output, config = self.sim, self.plan, self._output, self.sim.config
-        about["attributes"], model = sim.attributes(), sim.model
+        about["attributes"], model = {"run_id": sim.run_id or uuid.uuid4().hex}, sim.model
+        about["attributes"] |= sim.attributes()
         if output is None:
             ahead = plan.steps - sim.steps
             due = ahead // plan.frame_steps + ahead // plan.interval(SAMPLES)
@@ -222,7 +223,6 @@ class Recorder(Observer):
         else:
             path, only = output.path, output.fields
             continues = path.exists() and not config.overwrite
-            about["attributes"]["run_id"] = sim.run_id or uuid.uuid4().hex
             if output.grid is not None:
                 from swe_sphere.analysis.regrid import on_grid, parse_grid
 
@@ -235,10 +235,11 @@ class Recorder(Observer):
         )  # fmt: skip
         if continues and self._writer.run_id != sim.run_id:
             self._writer.close()
-            name, also = "out", ""
-            if output is not None:
-                name, also = "output", ", or replace it with --overwrite"
+            name = "out" if output is None else "output"
+            also = "" if config.restart else ", or replace it with --overwrite"
             raise ConfigError(f"{name}: {path} belongs to another run: choose another name{also}")
+        if output is not None and sim.steps and not path.exists():
+            sim.warn(f"output: {path} does not exist: it begins at day {sim.time / DAY:.4g}")
         return self._writer.run_id
 
     def write_first(self) -> None:

@@ -70,14 +70,23 @@ def check_paths(config: RunConfig) -> None:
     for path in (config.restart, config.initial, config.reference, *config.trust):
         if path is not None and not path.exists():
             raise ConfigError(f"there is no file {path}")
-    outputs, seen = [("output", output.path) for output in config.outputs], set[Path]()
-    for name, path in (("out", config.out), ("plot", config.plot), *outputs):
+    files = [("out", config.out), ("plot", config.plot), ("log", config.log)]
+    files += [("output", output.path) for output in config.outputs]
+    seen = set[Path]()
+    for name, path in files:
         if path is None:
             continue
+        from swe_sphere.io.checkpoint import checkpoint_path
+        from swe_sphere.io.growing import SUFFIX, is_store
+
         if path.resolve() in seen:
             raise ConfigError(f"{name}: {path} is written twice: give each file a name of its own")
-        seen.add(path.resolve())
-        from swe_sphere.io.growing import SUFFIX, is_store
+        seen |= {path.resolve(), checkpoint_path(path.resolve())}
+        begun = config.initial
+        if begun and path.exists() and begun.exists() and path.samefile(begun):
+            raise ConfigError(
+                f"{name}: {path} is the file from which the run starts: choose another name"
+            )
 
         if len(path.name.encode()) > LONGEST_NAME:
             raise ConfigError(
@@ -95,15 +104,11 @@ def check_paths(config: RunConfig) -> None:
     if config.plot is not None and config.plot.exists() and not config.overwrite:
         also = "" if config.restart else ", or replace it with --overwrite"
         raise ConfigError(f"plot: {config.plot} exists: choose another name{also}")
-    out, initial = config.out, config.initial
-    if out and initial and out.exists() and initial.exists() and out.samefile(initial):
-        raise ConfigError(f"out: {out} is the file from which the run starts: choose another name")
+    out = config.out
     if out is None or config.overwrite or appends(config):
         return
     if out.exists():
         raise ConfigError(f"out: {out} {_contents(out)}, or replace it with --overwrite")
-    from swe_sphere.io.checkpoint import checkpoint_path
-
     checkpoint = checkpoint_path(out)
     if checkpoint.exists() and not _is_restart(checkpoint, config):
         raise ConfigError(

@@ -72,6 +72,7 @@ from swe_sphere.simulation.restart import (
     COUNTER,
     LENGTHS,
     Restart,
+    appends,
     check_paths,
     identity,
     read_restart,
@@ -213,8 +214,8 @@ class Simulation(NotCopyable):
         self._limit: float | None = None
         self.warn: Warn = lambda text: None
         """Called with each warning of a run."""
-        self.own_kinds: dict[Diagnostic, tuple[str, int]] = {}
-        """Kind and size of the first value of each user-defined diagnostic: those in files."""
+        self.own_kinds: dict[Diagnostic, tuple[int, list[tuple[Any, ...]]]] = {}
+        """Axes of the first value of each user-defined diagnostic, and the profile's coordinate."""
         self.lost: set[Diagnostic] = set()
         """User-defined diagnostics that were not finite, of which there is one warning each."""
         self._signal: int | None = None  # number of the signal that came during the last run
@@ -489,7 +490,7 @@ class Simulation(NotCopyable):
             out: a file for frames, series of diagnostics and checkpoints; the file that this
                 simulation wrote last is continued.
             every: time between frames [h].
-            outputs: further files; the files of a run that is continued are, too.
+            outputs: further files, by default those of the last run, which they continue.
             callbacks: functions of the simulation, called after every step or when `every` says;
                 or observers.
             time_limit: wall time that the run may take [s], start-up and writing included.
@@ -513,6 +514,7 @@ class Simulation(NotCopyable):
         asked = {name: value for name, value in asked.items() if value is not None}
         kept = self._configured.given()
         kept = {k: v for k, v in kept.items() if k not in ("out", "overwrite", "plot", "live")}
+        kept["outputs"] = self.config.outputs
         config = make_config(kept | asked)
         observers = read_callbacks(callbacks)
         self.comm.on_root(lambda: check_paths(config))
@@ -644,6 +646,7 @@ class Simulation(NotCopyable):
             "days_planned": self.days,
             "dt_wanted": self._plan and self._plan.wanted,
             "out": None if self.config.out is None else str(self.config.out),
+            "outputs": [str(output.path) for output in self.config.outputs] or None,
             "compile_seconds": self.model.compile_seconds,
         }
         numbers |= {**dict.fromkeys(NAMES["costs"], 0), **self.counts()}
@@ -844,6 +847,8 @@ def run_scene(
     """
     started = time.perf_counter()
     world().on_root(lambda: check_paths(config))
+    if config.overwrite and appends(config.model_copy(update={"overwrite": False})):
+        raise ConfigError("overwrite: the run resumes in its file: leave overwrite out")
     if config.fields and config.out is None and config.plot is None:
         raise ConfigError("fields: there is no file for them: give out, the name of one")
     sim = Simulation(config.scene, config=config)
