@@ -270,6 +270,7 @@ def test_its_parameters_are_set_as_those_of_others(path: Path) -> None:
         ("return -rate * u, -rate * v", "return -0.5 * u, -rate * v", r"friction .*own\.py, line"),
         ("return -rate * u, -rate * v", "return -c.cubic * u, v", "friction .*cubic"),
         ('name = "friction"', 'name = "drag"', "name of an effect of the package"),
+        ('name = "friction"', 'name = "rotation"', "name of an effect of the package"),
         ('name = "friction"', 'name = "Big Friction"', "small letters"),
         *(
             ('name = "friction"', f'name = "{name}"', "the model uses this name for something else")

@@ -56,7 +56,7 @@ def test_the_configuration_file_is_valid(tmp_path):
     (tmp_path / "run.toml").write_text(textwrap.dedent(block))
     config = make_config(load_config(tmp_path / "run.toml"))
     assert (config.ne, config.settings) == (16, (("hyperviscosity", "nu", "default"),))
-    assert [(str(one.path), one.every, one.grid) for one in config.outputs] == [
+    assert [(one.path.name, one.every, one.grid) for one in config.outputs] == [
         ("wind.nc", 3.0, "latlon:91x180")
     ]
 

@@ -190,7 +190,7 @@ def test_the_table_has_step_cost_and_error_of_the_cheapest_and_marks_the_best():
 def test_ties_are_marked_as_ties():
     (found,) = ranked(*(each | {"spread": 0.15} for each in RACE), levels=[1e-3])
     assert [line[1][:1] for line in found.body] == ["≈", "≈", "6"]
-    assert "bdf2 and leapfrog tie; Δt 3600 s, 2.0 s" in found.headline
+    assert "bdf2 and leapfrog tie; bdf2: Δt 3600 s, 2.0 s" in found.headline
     assert found.headline.endswith("next is rk4 at 1.5× that.")
 
 

@@ -277,6 +277,10 @@ def _wrong_effects(scene: Scene) -> Iterator[str]:
     names = [effect.name for effect in scene.effects]
     if len(set(names)) < len(names):
         yield f"an effect is listed twice: {', '.join(names)}"
+    for effect in scene.effects:
+        yield from (effect.excludes[other] for other in names if other in effect.excludes)
+        if isinstance(effect, PointwiseEffect):
+            yield from _wrong_formulas(scene, effect)
     needed = {effect.needs for effect in scene.effects}
     for name, cls in EFFECTS.items():
         there = cls.needs is not None and getattr(scene, cls.needs) is not None
@@ -284,10 +288,6 @@ def _wrong_effects(scene: Scene) -> Iterator[str]:
             yield f"{cls.needs!r} is given without effect {name!r}"
         if name in names and cls.needs is not None and not there:
             yield f"effect {name!r} needs the function {cls.needs!r}"
-    for effect in scene.effects:
-        yield from (effect.excludes[other] for other in names if other in effect.excludes)
-        if isinstance(effect, PointwiseEffect):
-            yield from _wrong_formulas(scene, effect)
 
 
 def _wrong_formulas(scene: Scene, effect: PointwiseEffect) -> Iterator[str]:
