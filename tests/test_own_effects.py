@@ -277,6 +277,8 @@ def test_its_parameters_are_set_as_those_of_others(path: Path) -> None:
             for name in (*PARAMETERS, "scene", "stepper")
         ),
         ("linear: float = 1e-5", "linear: float = math.nan", "friction: linear must be finite"),
+        ("conserves = MASSES", "conserves: float = 1.0", "the name of the attribute 'conserves'"),
+        ("dissipation = True", "terms: float = 1.0", "the name of the attribute 'terms'"),
         (
             "linear: float = 1e-5",
             "needs = 'heating'; linear: float = 1e-5",

@@ -299,6 +299,9 @@ def _wrong_formulas(scene: Scene, effect: PointwiseEffect) -> Iterator[str]:
         yield f"{label}: a name must consist of small letters, digits and -"
     if effect.name in (SCENE, STEPPER, *PARAMETERS):
         yield f"{label}: the model uses this name for something else: choose another"
+    for name in effect.parameters():
+        if hasattr(PointwiseEffect, name):
+            yield f"{label}: a parameter cannot have the name of the attribute {name!r}"
     if effect.needs not in (None, *FIELDS):
         yield f"{label} needs {shown(effect.needs)}, which is not one of {', '.join(FIELDS)}"
     if effect.needs is not None and getattr(scene, effect.needs) is None:
