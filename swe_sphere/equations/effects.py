@@ -53,6 +53,13 @@ class Effect:
     of a scene conserve, apart from the mass that forcing adds (`Model.mean_source`); other masses
     are as accurate as the solver."""
 
+    degree: ClassVar[int | None] = 1
+    """Degree of the rate of change as a polynomial of the state and its derivatives in space; None
+    if the rate is not a polynomial."""
+
+    differentiable: ClassVar[bool] = True
+    """True if the kernels contain the derivative of the effect with respect to the state."""
+
     dissipation: ClassVar[bool] = False
     """True if the effect damps: any scene may add it; leapfrog evaluates it at the past level."""
 
@@ -80,19 +87,6 @@ class Effect:
     def diffuses(self) -> bool:
         """True for a weak Laplacian, which explicit steppers apply separately."""
         return bool(self.terms & {"diffusion", "biharmonic"})
-
-    @property
-    def degree(self) -> int | None:
-        """Degree of the rate of change as a polynomial of the state and its derivatives in space.
-
-        It is None if the rate is not a polynomial.
-        """
-        return 1
-
-    @property
-    def differentiable(self) -> bool:
-        """True if the kernels contain the derivative of the effect with respect to the state."""
-        return True
 
     @property
     def absent(self) -> bool:
@@ -340,15 +334,11 @@ class PointwiseEffect(Effect):
     """
 
     conserves = frozenset({"tracers"})
+    degree: ClassVar[int | None] = None  # the rate may be any function of the state
     wind_tendency: ClassVar[Formula | None] = None
     depth_tendency: ClassVar[Formula | None] = None
     wind_derivative: ClassVar[Formula | None] = None
     depth_derivative: ClassVar[Formula | None] = None
-
-    @property
-    def degree(self) -> int | None:
-        """None, because the rate may be any function of the state."""
-        return None
 
     @property
     def tendencies(self) -> Formulas:
@@ -361,7 +351,7 @@ class PointwiseEffect(Effect):
         return type(self).wind_derivative, type(self).depth_derivative
 
     @property
-    def differentiable(self) -> bool:
+    def differentiable(self) -> bool:  # type: ignore[override]
         """True if each formula has its derivative."""
         pairs = zip(self.tendencies, self.derivatives, strict=True)
         return all(formula is None or derivative is not None for formula, derivative in pairs)
@@ -391,7 +381,7 @@ class Drag(PointwiseEffect):
         return self.linear == 0.0 and self.quadratic == 0.0
 
     @property
-    def degree(self) -> int | None:
+    def degree(self) -> int | None:  # type: ignore[override]
         """1 for linear drag; None with quadratic drag, which contains the modulus of the wind."""
         return 1 if self.quadratic == 0.0 else None
 

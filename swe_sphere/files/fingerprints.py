@@ -107,11 +107,9 @@ def processor(device: str = "cpu") -> str:
 
 def versions() -> dict[str, str]:
     """Return the versions of Python, Warp, NumPy and this package."""
-    import warp as wp
-
     return {
         "python": platform.python_version(),
-        "warp": str(wp.__version__),
+        "warp": version("warp-lang"),
         "numpy": np.__version__,
         "swe_sphere": __version__,
     }

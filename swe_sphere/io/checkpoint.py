@@ -47,12 +47,9 @@ def checkpoint_path(path: Path) -> Path:
 
 def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     """Replace the file at the path by this checkpoint; an OSError leaves the file unchanged."""
-    names = ("time", "steps", "stepper", "attributes")
-    values = {name: getattr(checkpoint, name) for name in names}
-    values[ARRAYS] = [*checkpoint.state_dict]
-    header = json.dumps(values, default=lambda numbers: numbers.tolist())
-    arrays: dict[str, Any] = {ARRAY + k: array for k, array in checkpoint.state_dict.items()}
-    arrays[HEADER] = np.array(header)
+    values = vars(checkpoint) | {ARRAYS: [*checkpoint.state_dict]}
+    arrays = {ARRAY + k: array for k, array in values.pop("state_dict").items()}
+    arrays[HEADER] = np.array(json.dumps(values, default=lambda numbers: numbers.tolist()))
     with building(path) as part, part.open("wb") as file:
         np.savez(file, **arrays)
 

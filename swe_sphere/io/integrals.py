@@ -73,8 +73,7 @@ def field_errors(
     pairs = {"h": (numeric["h"] + bottom, exact["h"] + bottom)}
     both = numeric.keys() & exact.keys()
     if {"u", "v"} <= both:
-        ours, theirs = (np.stack([each["u"], each["v"]]) for each in (numeric, exact))
-        pairs["v"] = (ours, theirs)
+        pairs["v"] = np.array([numeric["u"], numeric["v"]]), np.array([exact["u"], exact["v"]])
     if "vorticity" in both:
         pairs["vorticity"] = (numeric["vorticity"], exact["vorticity"])
     return {name: norms(area, *pair) for name, pair in pairs.items()}
@@ -207,5 +206,4 @@ def tracer_errors(
     mesh: Mesh, fields: Mapping[str, Array], exact: Mapping[str, Array]
 ) -> dict[str, float]:
     """Return l1_q_NAME, l2_q_NAME and linf_q_NAME of each tracer; NaN if `exact` contains NaN."""
-    names = {name: f"q_{name}" for name in exact}
-    return by_name({q: norms(mesh.area, fields[q], exact[name]) for name, q in names.items()})
+    return by_name({f"q_{x}": norms(mesh.area, fields[f"q_{x}"], y) for x, y in exact.items()})

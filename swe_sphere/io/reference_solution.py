@@ -78,8 +78,7 @@ class Reference(Source):
             """Times [s since the start]; none where neither file nor title states one."""
             self.fields = _fields(self.path, data, -1)
             """Fields of the reference, or of the last time."""
-            there = self.fields.keys() & data.variables.keys()
-            self.about = {name: in_python(data[name].attrs) for name in there}
+            self.about = {x: in_python(data[x].attrs) for x in self.fields if x in data.variables}
             bounds = np.radians(data["lat_bnds"].values) if "lat_bnds" in data else None
         if not self.fields:
             raise ConfigError(
@@ -92,16 +91,8 @@ class Reference(Source):
             raise ConfigError(
                 f"{self.path}: an even number of longitudes is needed, evenly spaced eastward"
             )
-        self._area: Array = np.repeat(latitude_weights(self.lat, bounds) / count, count)
-
-    @property
-    def points(self) -> tuple[Array, Array]:
-        lat, lon = np.meshgrid(self.lat, self.lon, indexing="ij")
-        return lon.ravel(), lat.ravel()
-
-    @property
-    def area(self) -> Array:
-        return self._area
+        self.area = np.repeat(latitude_weights(self.lat, bounds) / count, count)
+        self.points = np.tile(self.lon, self.lat.size), np.repeat(self.lat, count)
 
     def nearest(self, time: float | None) -> float | None:  # type: ignore[override]
         """Return the nearest time [s] as `Source` does; None for a reference without a time."""

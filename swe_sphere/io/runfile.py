@@ -170,22 +170,16 @@ class Source(ABC):
     """Attributes of the variables in a frame, as far as they are known."""
     times: Array
     """Times (T,) [s] of the frames."""
+    points: tuple[Array, Array]
+    """Longitude and latitude (N,) [rad] of the points."""
+    area: Array
+    """Area weights (N,) of the points, in any unit."""
 
     @property
     def title(self) -> str:
         """Title of the run, or the name of the file."""
         scene = self.attributes.get("scene", self.path.stem)
         return str(self.attributes.get("title", scene))
-
-    @property
-    @abstractmethod
-    def points(self) -> tuple[Array, Array]:
-        """Longitude and latitude (N,) [rad] of the points."""
-
-    @property
-    @abstractmethod
-    def area(self) -> Array:
-        """Area weights (N,) of the points, in any unit."""
 
     @abstractmethod
     def frame(self, time: float | None = None) -> dict[str, Array]:
@@ -234,11 +228,11 @@ class Nodal(Source):
     """Height of the bottom (N,) [m]."""
 
     @property
-    def points(self) -> tuple[Array, Array]:
+    def points(self) -> tuple[Array, Array]:  # type: ignore[override]
         return self.mesh.lon, self.mesh.lat
 
     @property
-    def area(self) -> Array:
+    def area(self) -> Array:  # type: ignore[override]
         return self.mesh.area
 
     def sampler(self, lon: Array, lat: Array) -> Sampler:
@@ -302,6 +296,5 @@ class RunFile(Nodal):
     def series(self) -> tuple[Array, dict[str, Array]]:
         """Return the times (D,) [s] of the diagnostics, and each series (D,), NaN where missing."""
         with reading(self.path) as data:
-            series = {str(n): v for n, v in data.variables.items() if v.dims == (SERIES,)}
-            found = {name: checked(self.path, name, v) for name, v in series.items()}
+            found = {x: checked(self.path, x, data[x].variable) for x in self.about_series}
         return found.pop(SERIES, np.zeros(0)), found

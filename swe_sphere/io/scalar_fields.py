@@ -44,9 +44,8 @@ has the mixing ratio "q_NAME" of each."""
 def describe(name: str, about: Mapping[str, Any] | None = None) -> FieldStyle:
     """Return title and drawing options of a field by name; about: attributes of its variable."""
     if name.startswith(TRACER):
-        return FieldStyle(
-            f"mixing ratio of {name.removeprefix(TRACER)}", "1", "lajolla_r", contours=False
-        )
+        title = f"mixing ratio of {name.removeprefix(TRACER)}"
+        return FieldStyle(title, "1", "lajolla_r", contours=False)
     if name in FIELDS:
         return FIELDS[name]
     told = {"long_name": name.replace("_", " "), "units": "", **(about or {})}

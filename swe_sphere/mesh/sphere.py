@@ -33,11 +33,8 @@ def frame(lon: Array, lat: Array) -> tuple[Array, Array]:
 
 def snap_poles(xyz: Array) -> Array:
     """Return unit vectors (..., 3) with points within round-off of a pole moved to the pole."""
-    snapped = xyz.copy()
-    at_pole = np.hypot(xyz[..., 0], xyz[..., 1]) < 1e-14
-    snapped[at_pole, :2] = 0.0
-    snapped[at_pole, 2] = np.sign(xyz[at_pole, 2])
-    return snapped
+    at_pole = np.hypot(xyz[..., :1], xyz[..., 1:2]) < 1e-14
+    return np.where(at_pole, np.rint(xyz) + 0.0, xyz)  # adding 0.0 turns -0.0 into 0.0
 
 
 def longitude_latitude(xyz: Array) -> tuple[Array, Array]:
@@ -74,9 +71,4 @@ def global_spline(
     x = 2.0 * np.pi / lon.size * np.arange(-RIM, lon.size + RIM)
     grid = np.take(rows, range(-RIM, lon.size + RIM), axis=1, mode="wrap")
     spline = RectBivariateSpline(y, x, grid, kx=min(degree, y.size - 1), ky=degree)
-
-    def evaluate(at_lon: Array, at_lat: Array) -> Array:
-        found: Array = spline.ev(at_lat, (at_lon - lon[0]) % (2.0 * np.pi))
-        return found
-
-    return evaluate
+    return lambda at_lon, at_lat: spline.ev(at_lat, (at_lon - lon[0]) % (2.0 * np.pi))

@@ -114,11 +114,9 @@ def place(axes: GeoAxes, lon: Array, lat: Array) -> Array:
 def draw_graticule(axes: GeoAxes, grid: MapGrid) -> None:
     """Draw parallels and labelled meridians; the orthographic globe has no labels."""
     style, projection = {"size": 7.5, "alpha": 0.7}, axes.projection
-    labels: Any = ["x", "y", "left", "bottom", "geo"]
-    if isinstance(projection, crs.Stereographic):
-        labels = True
-    elif isinstance(projection, crs.Orthographic):
-        labels = False
+    labels: Any = not isinstance(projection, crs.Orthographic)
+    if labels and not isinstance(projection, crs.Stereographic):
+        labels = ["x", "y", "left", "bottom", "geo"]
     axes.gridlines(
         draw_labels=labels, xlocs=_meridians(grid), x_inline=False, y_inline=False,
         rotate_labels=False, xlabel_style=style, ylabel_style=style, color="0.4", linewidth=0.4,

@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -110,8 +110,8 @@ def read_arguments(
     return config, objects
 
 
-def _unfit(what: str, choice: str, thing: object) -> ConfigError:
-    return ConfigError(f"{what}: give {choice}, got {shown(thing)}")
+def _unfit(what: str, choice: str, thing: object, also: str = "") -> ConfigError:
+    return ConfigError(f"{what}: give {choice}, got {shown(thing)}{also}")
 
 
 def make_scene(
@@ -128,10 +128,7 @@ def make_scene(
         angle = scene.parameters.get("alpha")
         if isinstance(angle, float) and abs(angle) > 2.0 * math.pi:
             raise ConfigError(f"alpha={angle:g}: the angle is in radians, at most a whole turn")
-    scene = apply_settings(scene, config.settings)
-    for effect in effects:
-        scene = scene.with_effect(effect)
-    return scene
+    return reduce(Scene.with_effect, effects, apply_settings(scene, config.settings))
 
 
 def shipped_solution(scene: Scene, days: float) -> Path | None:
@@ -203,11 +200,7 @@ def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:
     known = inspect.signature(kind, eval_str=True).parameters
     # a default that depends on the scheme is an attribute of its class
     defaults = {name: getattr(kind, f"default_{name}", p.default) for name, p in known.items()}
-    options: dict[str, Any] = {
-        name: default
-        for name, default in defaults.items()
-        if isinstance(default, (bool, int, float, str))
-    }
+    options = {k: value for k, value in defaults.items() if isinstance(value, int | float | str)}
     for name, value in config.settings_of(STEPPER).items():
         if name not in options:
             has = f"it has {', '.join(options)}" if options else "implicit steppers have some"
@@ -233,8 +226,8 @@ def needed_memory(config: RunConfig, scene: Scene, ne: int, np: int) -> float:
     beyond = max(0, np - nodes[-1]) / (nodes[-1] - nodes[-2])
     node: float = numpy.interp(np, nodes, row) + beyond * (row[-1] - row[-2])
     node *= 1.0 + MEMORY["tracer"] * len(scene.tracers or ())
-    apart = any(e.diffuses or e.name == "edge-penalty" for e in scene.effects)
-    node += MEMORY["diffusion"] if apart else 0.0
+    if any(e.diffuses or e.name == "edge-penalty" for e in scene.effects):
+        node += MEMORY["diffusion"]
     program: float = MEMORY["program"]
     return program + node * 6.0 * (ne * np) ** 2 + _memory_of_factors(config, scene, ne, np)
 
@@ -313,9 +306,7 @@ class Initial:
             name, run = Path(given).name, RunFile(given)
         else:
             also = "" if day is None else "; initial-time chooses a frame of it"
-            raise ConfigError(
-                f"initial: give a file, a dataset or a function, got {shown(given)}{also}"
-            )
+            raise _unfit("initial", "a file, a dataset or a function", given, also)
         self._run, self._time, digest = run, run.nearest(time), hashlib.sha256()
         self._fields = run.frame(self._time)
         for field, values in sorted(self._fields.items()):

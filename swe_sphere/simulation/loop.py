@@ -5,6 +5,7 @@ import signal
 import threading
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from types import FrameType
 from typing import Any, Self
 
@@ -34,18 +35,19 @@ class Interruption:
         """Name of the signal, None if none has come."""
         self.number: int | None = None
         """Number of the signal."""
-        self._before: dict[signal.Signals, Any] = {}
+        self._handlers = ExitStack()
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
             numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1]
             if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
                 numbers.append(signal.SIGHUP)
-            self._before = {number: signal.signal(number, self._note) for number in numbers}
+            for number in numbers:
+                self._handlers.callback(signal.signal, number, signal.signal(number, self._note))
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._restore()
+        self._handlers.close()
 
     def check(self) -> None:
         """Raise Interrupted if a signal has come."""
@@ -55,12 +57,7 @@ class Interruption:
     def _note(self, number: int, _: FrameType | None) -> None:
         self.number = number
         self.received = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
-        self._restore()
-
-    def _restore(self) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-        self._before = {}
+        self._handlers.close()
 
 
 TICK = 0.1
@@ -176,21 +173,20 @@ class Loop:
 
     def _is_asked_to_stop(self) -> bool:
         """Return whether any rank is late or interrupted; several ranks agree one call later."""
-        if self._since is None:
-            self._is_late = time.monotonic() > self._deadline + self.sim.model.compile_seconds
-        else:
-            self._is_late = time.monotonic() > self._since + self.time_limit
+        end = self._deadline + self.sim.model.compile_seconds
+        end = end if self._since is None else self._since + self.time_limit
+        self._is_late = time.monotonic() > end
         asked = self._is_late or self.interruption.received is not None
         return bool(self.sim.comm.any_lately(asked))
 
     def _stop(self) -> None:
         """Raise Interrupted, or TimedOut before the last step, on all ranks."""
         asked = self.sim.comm.tell_all((self.interruption.received, self._is_late))
-        for signal_name, _ in asked:
-            if signal_name is not None:
-                raise Interrupted(f"interrupted by {signal_name}")
+        received, is_late = zip(*asked, strict=True)
+        for signal_name in filter(None, received):
+            raise Interrupted(f"interrupted by {signal_name}")
         steps = self.sim.steps
-        if steps < self.plan.steps and any(is_late for _, is_late in asked):
+        if steps < self.plan.steps and any(is_late):
             day = self.plan.time(steps) / DAY
             raise TimedOut(
                 f"the time limit of {self.time_limit:g} s was reached at day {day:.4g}"

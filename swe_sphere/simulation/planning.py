@@ -125,19 +125,17 @@ def time_plan(
     if length / Fraction(dt) > MOST_STEPS:
         raise ConfigError(f"dt={dt:g} s means more than {MOST_STEPS:.0e} steps: take a larger dt")
     interval, calls = _interval(length, every, dt), [*map(_milliseconds, also)]
-    together = cycle
 
-    def fitted(common: Fraction) -> Fraction:
-        """Return the longest step near dt for which `common` is a whole number of cycles."""
-        nonlocal together
+    def fitted(common: Fraction) -> tuple[Fraction, int]:
+        """Return the longest step near dt of which cycles fill `common`, and the steps in each."""
         whole = common / _parts(common, cycle * Fraction(dt))
         together = min(cycle, _parts(whole, Fraction(dt))) if fewer else cycle
-        return whole / together
+        return whole / together, together
 
-    step = fitted(reduce(common_measure, [interval, *calls], length))
+    step, together = fitted(reduce(common_measure, [interval, *calls], length))
     if step < SHORTEST * Fraction(dt):
         times = calls if every is None and calls else [interval, *calls]
-        step = fitted(reduce(common_measure, times))
+        step, together = fitted(reduce(common_measure, times))
         shortest = SHORTEST * Fraction(dt)
         if automatic:
             shortest = SHORTEST_AUTOMATIC * min(Fraction(dt), *times)
@@ -207,14 +205,11 @@ def led_plan(plan: RunPlan, done: int, now: float, also: Sequence[float] = ()) -
         ahead = Fraction(origin - now)
         first += plan.cycle * _parts(ahead, Fraction(plan.cycle * plan.wanted))
         lead = float(ahead / (first - done))
+    plan = replace(plan, first=first, origin=origin, lead=lead)
     if origin == end:
-        return replace(
-            plan, dt=lead, steps=first, first=first, origin=end, lead=lead, tail=0,
-            frame_steps=max(1, round(interval / lead)),
-        )  # fmt: skip
-    whole = plan.whole - round(origin / plan.dt)
-    steps = first + whole + plan.tail
-    return replace(plan, steps=steps, first=first, origin=origin, lead=lead)
+        frame_steps = max(1, round(interval / lead))
+        return replace(plan, dt=lead, steps=first, frame_steps=frame_steps, tail=0)
+    return replace(plan, steps=first + plan.steps - round(origin / plan.dt))
 
 
 def _interval(length: Fraction, every: float | None, dt: float) -> Fraction:
