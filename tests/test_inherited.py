@@ -13,13 +13,11 @@ from swe_sphere.simulation.restart import INHERITED, Restart
 
 VALUES = {
     "adaptive": 1e-4, "alpha": 0.5, "centre_lat": 30.0, "centre_lon": 270.0, "days": 3.0,
-    "device": "cuda:0",
-    "dt": 300.0, "energy_growth": 4.0, "every": 7.0, "fields": ("h", "u"),
-    "initial": "first.nc",
-    "initial_time": 0.5,
-    "launch": "node", "ne": 7, "np": 5, "precision": "float32", "preconditioner": "jacobi",
-    "settings": ["viscosity.nu=1e5"], "spin": 12.0, "stepper": "bdf2", "stretch": 2.0,
-    "tolerance": 1e-7, "tracer_steps": 4,
+    "device": "cuda:0", "dt": 300.0, "energy_growth": 4.0, "every": 7.0, "fields": ("h", "u"),
+    "initial": "first.nc", "initial_time": 0.5, "launch": "node", "ne": 7, "np": 5,
+    "outputs": [{"path": "wind.nc", "every": 6.0, "grid": "gaussian:8"}],
+    "precision": "float32", "preconditioner": "jacobi", "settings": ["viscosity.nu=1e5"],
+    "spin": 12.0, "stepper": "bdf2", "stretch": 2.0, "tolerance": 1e-7, "tracer_steps": 4,
 }  # fmt: skip
 """A value of each inherited field that is not its default."""
 
@@ -53,7 +51,7 @@ def test_a_field_is_inherited_unless_it_is_given(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "value"),
     [("out", "a.nc"), ("overwrite", True), ("plot", "a.png"), ("live", "h"), ("as_json", True),
-     ("quiet", True), ("reference", "b.nc"), ("time_limit", 5.0)],
+     ("quiet", True), ("log", "run.log"), ("reference", "b.nc"), ("time_limit", 5.0)],
 )  # fmt: skip
 def test_what_belongs_to_one_run_is_not_inherited(name: str, value: object) -> None:
     earlier, plain = (make_config({"scene": "williamson6", **v}) for v in ({name: value}, {}))
