@@ -85,7 +85,7 @@ def test_a_resume_without_the_file_of_a_diagnostic_is_refused(tmp_path, monkeypa
     assert np.isfinite(open_run("run.nc").deepest).all()
     (tmp_path / "d.py").unlink()
     assert command(*again[:-1], "--days=1", "--trust=d.py") == 2
-    assert "there is no diagnostic file d.py" in capsys.readouterr().err
+    assert "there is no file d.py" in capsys.readouterr().err
     (tmp_path / "more.py").write_text(NUMBER.replace("deepest", "other"))
     assert command(*again[:-1], "--days=1", "--diagnostics=more.py") == 0
     run = open_run("run.nc")

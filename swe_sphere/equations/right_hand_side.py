@@ -73,11 +73,10 @@ class RightHandSide:
             self.counters[self.counter] += 1
         for prescribed in self.prescribed:
             prescribed.set_time(t)
-        self.replay((x.ptr, out.ptr), self._operate, x, out)
-
-    def _operate(self, x: wp.array, out: wp.array) -> None:
-        for operator, source, target in self.operations:
-            operator(x if source is None else source, out if target is None else target)
+        if not self.replay.launch(key := (x.ptr, out.ptr)):
+            with self.replay.record(key):
+                for operator, source, target in self.operations:
+                    operator(x if source is None else source, out if target is None else target)
 
     def at_start(self, x: wp.array, out: wp.array) -> None:
         """Evaluate at time 0 a component that is the same at all times."""

@@ -19,10 +19,11 @@ class Replay:
 
     On small meshes single launches cost more than their kernels. `replay(key, block, *arguments)`
     runs the block the first time, which loads all kernels; it records and launches it the second
-    time, and from then on it only launches the recording. The block must make the same launches
-    every time that the key is the same. The key must contain the addresses of all arrays of the
-    caller; all other arrays must live as long as the replay. Replays inside the block only run
-    their blocks: these launches belong to the outer recording.
+    time, and from then on it only launches the recording. `launch` and `record` do the same for the
+    block of a `with` statement. The block must make the same launches every time that the key is
+    the same. The key must contain the addresses of all arrays of the caller; all other arrays must
+    live as long as the replay. Replays inside the block only run their blocks: these launches
+    belong to the outer recording.
     """
 
     def __init__(self, launch: Launcher, counters: dict[str, float] | None = None) -> None:
@@ -32,16 +33,28 @@ class Replay:
         """The recordings by key, with what they add to counters; None after the first run."""
 
     def __call__(self, key: Hashable, block: Callable[..., None], *arguments: Any) -> None:
-        """Launch the recording of the key, or run the block; the second time, also record it."""
+        """Launch the recording of the key, or run the block."""
+        if not self.launch(key):
+            with self.record(key):
+                block(*arguments)
+
+    def launch(self, key: Hashable) -> bool:
+        """Launch the recording of the key; return False if there is none."""
+        known = self._known.get(key)
+        if known is None or not self._launch.records:
+            return False
+        pieces, counters = known
+        for piece in pieces:
+            piece()
+        for name, calls in counters.items():
+            self._counters[name] += calls
+        return True
+
+    @contextmanager
+    def record(self, key: Hashable) -> Iterator[None]:
+        """Run the block of the `with` statement; the second time, record and launch it."""
         if not self._launch.records:
-            block(*arguments)
-            return
-        if known := self._known.get(key):
-            pieces, counters = known
-            for piece in pieces:
-                piece()
-            for name, calls in counters.items():
-                self._counters[name] += calls
+            yield
             return
         first, counted, pieces = key not in self._known, dict(self._counters), Pieces()
         if first and len(self._known) >= REMEMBERED:
@@ -50,7 +63,7 @@ class Replay:
         self._launch.records = False  # in the block
         try:
             with capture:
-                block(*arguments)
+                yield
         finally:
             self._launch.records = True
         added = {name: n - counted.get(name, 0) for name, n in self._counters.items()}

@@ -532,9 +532,8 @@ class Simulation(NotCopyable):
             observers.append(ProgressBar())
         self.warn = warn or self._warn
         self._warn_of_run()
-        LOGGER.debug(
-            "%r begins: %d steps of %.6g s", self, self.plan.steps - self.steps, self.plan.dt
-        )
+        steps = self.plan.steps - self.steps
+        LOGGER.debug("%r begins: %d steps of %.6g s", self, steps, self.plan.dt)
         self._kept = Keeper() if keep else None
         if self._kept is not None:
             observers.append(self._kept)

@@ -65,10 +65,11 @@ class BlockElimination(KeptSetup):
         self._replay = Replay(self.operator.launch)
 
     def apply(self, r: wp.array, out: wp.array) -> None:
-        if self.launches:
-            self._replay((r.ptr, out.ptr), self._eliminate, r, out)
-        else:
+        if not self.launches:
             self._eliminate(r, out)
+        elif not self._replay.launch(key := (r.ptr, out.ptr)):
+            with self._replay.record(key):
+                self._eliminate(r, out)
 
     def _eliminate(self, r: wp.array, out: wp.array) -> None:
         self.operator.eliminate(r, self._b)
