@@ -30,7 +30,7 @@ class _OnStderr(logging.StreamHandler):  # type: ignore[type-arg]
 
 
 @contextmanager
-def printed(level: int = logging.INFO) -> Iterator[None]:
+def print_lines(level: int = logging.INFO) -> Iterator[None]:
     """Print lines from a level up on stderr in the block, in the place of an outer block."""
     handler = _OnStderr(sys.stderr)
     handler.setLevel(level)
@@ -46,7 +46,7 @@ def printed(level: int = logging.INFO) -> Iterator[None]:
 
 
 @contextmanager
-def kept_in(path: Path | None) -> Iterator[None]:
+def append_lines(path: Path | None) -> Iterator[None]:
     """Append all lines in the block to a file, if one is given, with time and level.
 
     Raises ConfigError if the file cannot be written, or exists and is not a log.
@@ -55,8 +55,10 @@ def kept_in(path: Path | None) -> Iterator[None]:
         yield
         return
     with clear_errors(f"cannot write {path}"):
-        if path.is_file() and not re.match(rb"\d{4}-\d\d-|$", path.read_bytes()[:8]):
-            raise ConfigError(f"log: {path} exists and is not a log: choose another name")
+        if path.is_file():
+            with path.open("rb") as file:
+                if not re.match(rb"\d{4}-\d\d-|$", file.read(8)):
+                    raise ConfigError(f"log: {path} exists and is not a log: choose another name")
         handler = logging.FileHandler(path, encoding="utf-8")
     handler.handleError = lambda record: None  # type: ignore[method-assign]
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from swe_sphere.io.runfile import RunFile
-from swe_sphere.logs import printed
+from swe_sphere.logs import print_lines
 from swe_sphere.simulation.build import start_warp
 from swe_sphere.simulation.observers import LogLines
 from swe_sphere.simulation.planning import RunPlan
@@ -212,7 +212,7 @@ MISTAKES = {
     "run williamson2 --plot p.txt": "plot: p.txt must end in .png",
     "run williamson2 --restart none.nc": "there is no file none.nc",
     "run williamson2 --trust none.py": "there is no file none.py",
-    "run williamson2 --fields h": "fields: there is no file for them: give out, the name of one",
+    "run williamson2 --fields h": "fields: the run writes no file: give out, the name of one",
     "run williamson2 --restart damaged.nc": "cannot read damaged.nc",
     "run williamson2 --reference damaged.nc": "cannot read damaged.nc",
     "run --config none.toml": "cannot read none.toml",
@@ -326,7 +326,7 @@ def test_a_log_has_a_line_now_and_then(monkeypatch, capsys):
     monkeypatch.setattr("swe_sphere.simulation.observers.time.perf_counter", lambda: next(now))
     lines = LogLines()
     lines.begin(RunPlan(864.0, 100, 100, 864.0), SimpleNamespace(time=0.0))
-    with printed():
+    with print_lines():
         for step in (10, 25, 30, 80):
             lines.tick(step)
     told = capsys.readouterr().err.splitlines()
@@ -341,7 +341,7 @@ def test_the_log_of_a_resumed_run_counts_its_own_days_alone(monkeypatch, capsys)
     monkeypatch.setattr("swe_sphere.simulation.observers.time.perf_counter", lambda: next(now))
     lines = LogLines()
     lines.begin(RunPlan(864.0, 100, 100, 864.0), SimpleNamespace(time=43200.0))
-    with printed():
+    with print_lines():
         lines.tick(75)
     told = capsys.readouterr().err
     assert told == "swe-sphere: day 0.75 of 1 after 60 s, 0.25 days a minute, 60 s to go\n"

@@ -7,7 +7,7 @@ import pytest
 from swe_sphere.analysis.accessor import open_run
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.reference_solution import shipped_reference
-from swe_sphere.logs import printed
+from swe_sphere.logs import print_lines
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
@@ -236,7 +236,7 @@ def test_log_lines_that_nobody_reads_do_not_end_the_run(monkeypatch):
     monkeypatch.setattr(LogLines, "PATIENCE", 0.0)
     monkeypatch.setattr(sys, "stderr", Gone())
     config = make_config({"scene": "williamson6", "ne": 2, "np": 4, "dt": 60.0, "days": 0.25})
-    with printed():
+    with print_lines():
         assert run_scene(config, [LogLines()]).status == "completed"
 
 

@@ -14,7 +14,7 @@ STAMP = r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} "
 
 
 def lines(path):
-    """Levels and texts of the lines in a file; each must have a time."""
+    """Return the levels and texts of the lines in a file, which must all have a time."""
     found = []
     for line in path.read_text().splitlines():
         stamp, level, text = re.fullmatch(rf"({STAMP})([A-Z]+) (.*)", line).groups()
@@ -90,10 +90,10 @@ def test_python_prints_no_line_twice(capfd):
     ("file", "message"),
     [
         ("data.nc", "log: data.nc exists and is not a log: choose another name"),
-        ("run.nc", "log: run.nc is written twice: give each file a name of its own"),
+        ("run.nc", "log: run.nc would be written twice: choose another name"),
         (
             "run.nc.restart",
-            "log: run.nc.restart is written twice: give each file a name of its own",
+            "log: run.nc.restart would be written twice: choose another name",
         ),
         ("", "log: . is a folder: give the name of a file in it"),
     ],

@@ -1,4 +1,4 @@
-"""Further files of a run: fields, times and grids of their own, also when the run resumes."""
+"""Further files of a run, each with its fields, times and grid, also when the run resumes."""
 
 import re
 import subprocess
@@ -47,7 +47,7 @@ def files(folder):
 
 
 def same(one, two):
-    """Whether two files hold the same frames: all variables, bit for bit."""
+    """Return whether two files hold the same frames: all variables, bit for bit."""
     with xr.open_dataset(one) as first, xr.open_dataset(two) as second:
         return first.drop_attrs().equals(second.drop_attrs())
 
@@ -163,8 +163,8 @@ def test_ranks_write_the_same_files(tmp_path):
             "there is no grid 'latlon:7': use latlon:ROWSxCOLUMNS",
         ),
         ({"path": "none/x.nc"}, "/none: make it first"),
-        ({"path": "run.nc"}, "run.nc is written twice: give each file a name of its own"),
-        ({"path": "run.nc.restart"}, "restart is written twice: give each file a name of its own"),
+        ({"path": "run.nc"}, "run.nc would be written twice: choose another name"),
+        ({"path": "run.nc.restart"}, "restart would be written twice: choose another name"),
         ("x.nc", "output: must be a list of outputs, got 'x.nc'"),
         (3, "output: must be a list of outputs, got 3"),
     ],

@@ -1,4 +1,4 @@
-"""Diagnostics that return a profile: in every frame of files, with a coordinate of its own."""
+"""Diagnostics that return a profile: in every frame of files, with its coordinate."""
 
 import numpy as np
 import pytest
@@ -67,7 +67,7 @@ def test_a_profile_without_a_coordinate_counts_its_values():
     assert (state.levels.dims, state.levels_level.values.tolist()) == (("levels_level",), [0, 1, 2])
 
 
-CHANGED = "is no number, field or profile with the coordinate that it was at first"
+CHANGED = "has changed its kind, size or coordinate since its first value"
 
 
 @pytest.mark.parametrize(

@@ -585,8 +585,8 @@ def test_a_diagnostic_stays_a_number_or_a_field(first, tmp_path):
     summary = small().run(days=0.25, every=3.0, out=tmp_path / "a.nc")
     assert summary.status == "failed"
     assert summary.reason == (
-        "the diagnostic fickle is no number, field or profile with the coordinate that it was at"
-        " first: return the same kind"
+        "the diagnostic fickle has changed its kind, size or coordinate since its first value:"
+        " return the same kind"
     )
 
 

@@ -16,7 +16,7 @@ from swe_sphere import __version__
 from swe_sphere.cli.show import DEBUG, explain, open_streams
 from swe_sphere.compiling import COMPILING, on_compile
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.logs import LOGGER, printed
+from swe_sphere.logs import LOGGER, print_lines
 from swe_sphere.ranks.communicator import OF_RANKS, refuse_ranks, world
 from swe_sphere.ranks.limits import command_began, process_age
 
@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     arguments = sys.argv[1:] if arguments is None else arguments
     open_streams()
     try:
-        with printed(), on_compile(lambda: LOGGER.info(COMPILING)):
+        with print_lines(), on_compile(lambda: LOGGER.info(COMPILING)):
             status = _status(arguments)
     finally:
         command_began.reset(token)

@@ -23,7 +23,7 @@ from swe_sphere.cli.options import given, option, with_flags
 from swe_sphere.cli.show import explain
 from swe_sphere.errors import ConfigError, in_one_line
 from swe_sphere.files.user_file import is_user_file
-from swe_sphere.logs import LOGGER, kept_in, printed
+from swe_sphere.logs import LOGGER, append_lines, print_lines
 from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.ranks.communicator import NAMED, RANK, world
 from swe_sphere.ranks.limits import available_memory
@@ -72,7 +72,7 @@ def run(
             raise ConfigError(f"ranks={ranks}: {comm.size} are running already: leave ranks out")
         comm.on_root(lambda: check_paths(asked))
         level = logging.ERROR if asked.quiet or comm.rank else logging.INFO
-        with printed(level), kept_in(None if comm.rank else asked.log):
+        with print_lines(level), append_lines(None if comm.rank else asked.log):
             summary = _run(asked)
     except Exception as error:
         if said.get("as_json") and comm.rank == 0:
@@ -87,9 +87,8 @@ def _run(config: RunConfig) -> Summary:
     """Run the scene with progress on stderr; print there why it stopped early."""
     is_plain = not (config.quiet or config.as_json or config.live)
     has_bar = is_plain and sys.stderr.isatty()
-    progress: list[Observer] = [
-        LogLines(logging.INFO if is_plain and not has_bar else logging.DEBUG)
-    ]
+    level = logging.INFO if is_plain and not has_bar else logging.DEBUG
+    progress: list[Observer] = [LogLines(level)]
     if world().rank:
         progress = []
     elif has_bar:

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 RECORDS_AT = 4
 """Offset of the number of records [bytes]."""
 MARK = b"\x12@\xfe\x01rec\x02"
-"""A number in a first record that shows where records begin: not always where the file ended."""
+"""A number that is written to the first record, to find the offset of the records."""
 
 SUFFIX = ".zarr"
 """Ending of the names of stores."""
@@ -132,7 +132,7 @@ class GrowingFile(GrowingOutput):
         with mmap.mmap(self._descriptor, 0, access=mmap.ACCESS_READ) as header:
             before = [*self._lengths.values()][: [*self._lengths].index("time")]
             self._first = header.find(MARK) - 8 * sum(before)  # offset of the first record
-            # dimensions come first: a name after its length, padded to words of four bytes, a size
+            # dimensions come first: length of the name, name in words of four bytes, size
             name = len(SERIES).to_bytes(4, "big") + SERIES.encode()
             self._samples_at = header.find(name) + 4 * math.ceil(len(name) / 4)
             self._summary_at = header.find(b" " * SUMMARY_BYTES)

@@ -206,4 +206,5 @@ def tracer_errors(
     mesh: Mesh, fields: Mapping[str, Array], exact: Mapping[str, Array]
 ) -> dict[str, float]:
     """Return l1_q_NAME, l2_q_NAME and linf_q_NAME of each tracer; NaN if `exact` contains NaN."""
-    return by_name({f"q_{x}": norms(mesh.area, fields[f"q_{x}"], y) for x, y in exact.items()})
+    names = {name: f"q_{name}" for name in exact}
+    return by_name({q: norms(mesh.area, fields[q], exact[name]) for name, q in names.items()})

@@ -54,8 +54,8 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
     number of times with diagnostics. append_from: a time [s] from which the run in the existing
     file is resumed, under its run_id; its frames and samples before that time are copied first, and
     it stays in place until the new file has as many frames. own: attributes (long_name, units) of
-    user-defined diagnostics, of which `own_fields`, here with present values (N,) or profiles as
-    data arrays, are in every frame and the others in the series.
+    user-defined diagnostics. own_fields: present values, (N,) or profiles as data arrays, of those
+    in every frame; the others are series.
     coriolis (N,) [s-1]: the Coriolis parameter. only: names of the fields in frames; all if empty.
     transform: the file contains what this function returns for the dataset of each frame on the
     nodes, the wind always as both components, and no series.

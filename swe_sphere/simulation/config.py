@@ -92,9 +92,7 @@ Count = Annotated[
 
 @dataclass(frozen=True)
 class Output:
-    """A further file of a run, with frames of some fields at times of its own.
-
-    A run checks the values.
+    """A further file of a run, with its own fields, times and grid; the run checks the values.
 
     Examples:
         >>> from swe_sphere import Output, Simulation
@@ -107,7 +105,7 @@ class Output:
     path: Annotated[FileName, AfterValidator(Path.absolute)]
     """Name of the file: netCDF, or a Zarr store if it ends in .zarr."""
     every: Hours | None = None
-    """Time between frames [h]; None: that of the run, whose last state is a frame then."""
+    """Time between frames [h]; None: the times of the frames of the run."""
     fields: Names = ()
     """Fields to write, as in `RunConfig.fields`."""
     grid: str | None = None

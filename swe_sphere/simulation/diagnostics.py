@@ -208,7 +208,7 @@ class Diagnostic:
     def value(self, sim: Any) -> Any:
         """Return the present number (), field (N,), or profile, a data array, of a simulation.
 
-        Raises RunFailed if it is none of them, or not of the kind and length that it was at first.
+        Raises RunFailed if it is none of them, or its kind, size or coordinate has changed.
         """
         what, size = f"the diagnostic {self.name}", sim.mesh.size
         value = called(what, lambda: self._as_numbers(self.function(sim)))
@@ -219,10 +219,10 @@ class Diagnostic:
                 f" {size} values, one a node, or a profile, an xarray.DataArray with one dimension"
             )
         axis = [(n, *x.values.tolist()) for n, x in value.coords.items()] if is_profile else []
-        if sim.own_kinds.setdefault(self, (value.ndim, axis)) != (value.ndim, axis):
+        if sim.own_axes.setdefault(self, (value.ndim, axis)) != (value.ndim, axis):
             raise RunFailed(
-                f"{what} is no number, field or profile with the coordinate that it was at first:"
-                " return the same kind"
+                f"{what} has changed its kind, size or coordinate since its first value: return the"
+                " same kind"
             )
         if self not in sim.lost and not np.isfinite(value).all():
             sim.lost.add(self)
@@ -264,8 +264,7 @@ def diagnostic(
     """Register a function `f(sim)` that returns a number, a field (N,) on the nodes, or a profile.
 
     A number appears in the series of files, in summaries and in sweeps; a field in every frame, and
-    so does a profile: an `xarray.DataArray` with one dimension, such as a zonal mean.  Files
-    call its dimension NAME_DIMENSION.
+    so does a profile, an `xarray.DataArray` with one dimension, which files call NAME_DIMENSION.
     A function registered under an existing name replaces the earlier one.
 
     Args:

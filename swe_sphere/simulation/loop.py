@@ -173,8 +173,10 @@ class Loop:
 
     def _is_asked_to_stop(self) -> bool:
         """Return whether any rank is late or interrupted; several ranks agree one call later."""
-        end = self._deadline + self.sim.model.compile_seconds
-        end = end if self._since is None else self._since + self.time_limit
+        if self._since is None:
+            end = self._deadline + self.sim.model.compile_seconds
+        else:
+            end = self._since + self.time_limit
         self._is_late = time.monotonic() > end
         asked = self._is_late or self.interruption.received is not None
         return bool(self.sim.comm.any_lately(asked))
@@ -182,11 +184,11 @@ class Loop:
     def _stop(self) -> None:
         """Raise Interrupted, or TimedOut before the last step, on all ranks."""
         asked = self.sim.comm.tell_all((self.interruption.received, self._is_late))
-        received, is_late = zip(*asked, strict=True)
-        for signal_name in filter(None, received):
-            raise Interrupted(f"interrupted by {signal_name}")
+        for signal_name, _ in asked:
+            if signal_name is not None:
+                raise Interrupted(f"interrupted by {signal_name}")
         steps = self.sim.steps
-        if steps < self.plan.steps and any(is_late):
+        if steps < self.plan.steps and any(is_late for _, is_late in asked):
             day = self.plan.time(steps) / DAY
             raise TimedOut(
                 f"the time limit of {self.time_limit:g} s was reached at day {day:.4g}"

@@ -201,24 +201,18 @@ class Recorder(Observer):
         self._output = output
         self.sees_end = output is None
         self._framed: int | None = None  # steps before the last frame
-        snapshot = sim.snapshot
-        about = {"own": snapshot.own_attributes, "own_fields": snapshot.own_fields}
-        sim.run_id = sim.comm.on_root(lambda: self._open(about))
+        _ = sim.snapshot.own  # on all ranks, before rank 0 needs it
+        sim.run_id = sim.comm.on_root(self._open)
 
-    def _open(self, about: dict[str, Any]) -> str:
-        """Create the file and return the identifier of its run, which a resumed run keeps.
-
-        about: user-defined diagnostics, as for `FrameWriter`.
-        """
+    def _open(self) -> str:
+        """Create the file and return the identifier of its run, which a resumed run keeps."""
         from swe_sphere.io.netcdf import FrameWriter  # netCDF4 is slow to import
 
         sim, plan, output, config = self.sim, self.plan, self._output, self.sim.config
-        about["attributes"], model = {"run_id": sim.run_id or uuid.uuid4().hex}, sim.model
-        about["attributes"] |= sim.attributes()
+        attributes = {"run_id": sim.run_id or uuid.uuid4().hex} | sim.attributes()
+        transform, ahead = None, plan.steps - sim.steps
+        due = ahead // plan.frame_steps + ahead // plan.interval(SAMPLES)
         if output is None:
-            ahead = plan.steps - sim.steps
-            due = ahead // plan.frame_steps + ahead // plan.interval(SAMPLES)
-            about["samples"] = min(ahead, due + 3) + 1
             path, only, continues = config.out, config.fields, appends(config)
         else:
             path, only = output.path, output.fields
@@ -228,10 +222,11 @@ class Recorder(Observer):
 
                 grid = parse_grid(output.grid)
                 at = Interpolator(sim.mesh, *grid.points)
-                about["transform"] = partial(on_grid, at=at, grid=grid)
+                transform = partial(on_grid, at=at, grid=grid)
         self._writer = FrameWriter(
-            path, sim.mesh, bottom=model.bottom, coriolis=model.coriolis, only=only,
-            tracers=sim.scene.tracers or (), append_from=sim.time if continues else None, **about,
+            path, sim.mesh, attributes, sim.model.bottom, sim.scene.tracers or (),
+            min(ahead, due + 3) + 1, sim.time if continues else None, sim.snapshot.own_attributes,
+            sim.snapshot.own_fields, sim.model.coriolis, only, transform,
         )  # fmt: skip
         if continues and self._writer.run_id != sim.run_id:
             self._writer.close()
@@ -249,12 +244,10 @@ class Recorder(Observer):
 
     def due(self, step: int) -> bool:
         """Return whether a frame is due, or one of about `SAMPLES` samples of a run."""
-        output = self._output
-        if output is None:
-            return self.plan.is_frame(step) or self.plan.is_sample(step, SAMPLES)
-        if output.every is None:
-            return self.plan.is_frame(step)
-        return self.plan.is_multiple(step, output.every * HOUR)
+        if self._output is not None and self._output.every is not None:
+            return self.plan.is_multiple(step, self._output.every * HOUR)
+        is_sample = self._output is None and self.plan.is_sample(step, SAMPLES)
+        return is_sample or self.plan.is_frame(step)
 
     def observe(self, snapshot: Snapshot) -> None:
         if self._output is not None or self.plan.is_frame(snapshot.steps):
@@ -361,7 +354,7 @@ class LogLines(Observer):
     """Logs a line now and then, for a run whose output goes to a file."""
 
     level: int = logging.INFO
-
+    """Level of the lines."""
     PATIENCE = 30.0
     """Seconds before the first line; the next ones wait as long, or a tenth of the elapsed time."""
 

@@ -80,14 +80,13 @@ def check_paths(config: RunConfig) -> None:
         from swe_sphere.io.growing import SUFFIX, is_store
 
         if path.resolve() in seen:
-            raise ConfigError(f"{name}: {path} is written twice: give each file a name of its own")
+            raise ConfigError(f"{name}: {path} would be written twice: choose another name")
         seen |= {path.resolve(), checkpoint_path(path.resolve())}
         begun = config.initial
         if begun and path.exists() and begun.exists() and path.samefile(begun):
             raise ConfigError(
                 f"{name}: {path} is the file from which the run starts: choose another name"
             )
-
         if len(path.name.encode()) > LONGEST_NAME:
             raise ConfigError(
                 f"{name}: {shown(path.name)} is too long: take at most {LONGEST_NAME} bytes"

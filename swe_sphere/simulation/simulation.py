@@ -214,7 +214,7 @@ class Simulation(NotCopyable):
         self._limit: float | None = None
         self.warn: Warn = lambda text: None
         """Called with each warning of a run."""
-        self.own_kinds: dict[Diagnostic, tuple[int, list[tuple[Any, ...]]]] = {}
+        self.own_axes: dict[Diagnostic, tuple[int, list[tuple[Any, ...]]]] = {}
         """Axes of the first value of each user-defined diagnostic, and the profile's coordinate."""
         self.lost: set[Diagnostic] = set()
         """User-defined diagnostics that were not finite, of which there is one warning each."""
@@ -537,29 +537,37 @@ class Simulation(NotCopyable):
         self._kept = Keeper() if keep else None
         if self._kept is not None:
             observers.append(self._kept)
-        files: list[Recorder] = []
         try:
-            if config.out is not None or config.outputs:
-                if self.steps:  # a spoilt state must not replace the last good one in the file
-                    HealthCheck(self).observe(self.snapshot)
-                with ExitStack() as opened:
-                    for output in (*[None][: config.out is not None], *config.outputs):
-                        files.append(Recorder(self, output))
-                        opened.callback(files[-1].close)
-                    for file in files:
-                        file.write_first()
-                    opened.pop_all()
-            if config.out is not None:
-                self._continues = config.out.resolve()
+            files = self._open_files()
         except (RunFailed, *BREAKDOWNS) as error:
             self._ended_by(error)
         else:
-            observers = [*files, *observers]
-            self.advance(observers, config.time_limit, since=since)
+            self.advance([*files, *observers], config.time_limit, since=since)
             LOGGER.debug("%r ends: %s", self, self.outcome.reason or self.outcome.status)
             if self._signal is not None and raises:
                 signal.raise_signal(self._signal)
         return self.summary
+
+    def _open_files(self) -> list[Recorder]:
+        """Open the files of the run and write their first frames; close all if one of them fails.
+
+        Raises the errors of `Recorder`, and Unstable for a state that must not be written.
+        """
+        config, files = self.config, list[Recorder]()
+        wanted: list[Output | None] = [*config.outputs]
+        if self.steps and (config.out or wanted):
+            HealthCheck(self).observe(self.snapshot)  # no spoilt state replaces the last good one
+        if config.out is not None:
+            wanted.insert(0, None)
+            self._continues = config.out.resolve()
+        with ExitStack() as opened:
+            for output in wanted:
+                files.append(Recorder(self, output))
+                opened.callback(files[-1].close)
+            for file in files:
+                file.write_first()
+            opened.pop_all()
+        return files
 
     def _warn(self, text: str) -> None:
         if self.comm.rank == 0:
@@ -721,9 +729,8 @@ class Simulation(NotCopyable):
 
         now = self.snapshot
         fields, own = now.all_fields | now.own_fields, now.own_attributes
-        known = frame_fields(self.scene.tracers or ()) | {
-            name: own[name] for name in now.own_fields
-        }
+        known = frame_fields(self.scene.tracers or ())
+        known |= {name: own[name] for name in now.own_fields}
         return frame_dataset(self.mesh, fields, now.time, self.attributes(), known)
 
     @property
@@ -849,7 +856,7 @@ def run_scene(
     if config.overwrite and appends(config.model_copy(update={"overwrite": False})):
         raise ConfigError("overwrite: the run resumes in its file: leave overwrite out")
     if config.fields and config.out is None and config.plot is None:
-        raise ConfigError("fields: there is no file for them: give out, the name of one")
+        raise ConfigError("fields: the run writes no file: give out, the name of one")
     sim = Simulation(config.scene, config=config)
     live = [] if config.live is None else [live_view(config.live, sim.comm)]
     with ExitStack() as stack:
