@@ -125,9 +125,9 @@ class CoarsePart:
     """
 
     def __init__(
-        self, operator: SchurOperator, spaces: list[ElementSpace], reach: scipy.sparse.csr_array
+        self, operator: SchurOperator, spaces: list[ElementSpace], slopes: list[Any]
     ) -> None:
-        """Find the functions of this rank; a row of `reach` (m, V) lists functions that couple."""
+        """Find the functions of this rank; slopes (2N, V): those of the computational modes."""
         mesh, launch = operator.mesh, operator.launch
         self._mesh, self._launch, self._here = mesh, launch, mesh.part.elements
         self._numbers = _numbers(spaces)
@@ -139,6 +139,7 @@ class CoarsePart:
         self._away: dict[int, Integers] = {}
         self._owner = np.zeros(len(self._numbers), dtype=int)
         if mesh.comm.shared:
+            reach = _reach(spaces[0], slopes)
             rows = np.unique(reach.T.tocsr()[self._mine].indices)
             self.functions = np.unique(reach[rows].indices)
             for rank, elements in enumerate(mesh.comm.tell_all(self._here)):
@@ -287,7 +288,7 @@ class CoarseCorrection:
         self._modes = list(zip(masses, slopes, strict=True))
         self._longest = longest_waves(mesh, bases[0])
         count, (smooth, few) = sum(basis.shape[1] for basis in bases), self._longest.shape
-        self._part = CoarsePart(operator, spaces, _reach(spaces[0], slopes))
+        self._part = CoarsePart(operator, spaces, slopes)
         size = self._part.functions.size
         self._b, self._r, self._d, self._new, self._found = (
             vector(operator.mesh, size) for _ in range(5)
@@ -320,7 +321,9 @@ class CoarseCorrection:
         inverse = 1.0 / matrix.diagonal()
         largest = spectral_bound(lambda x: inverse * (matrix @ x), inverse.size)
         self._coefficients = chebyshev_coefficients(SWEEPS, largest)
-        exact = np.linalg.pinv((longest.T @ smooth @ longest).toarray(), 1e-10, hermitian=True)
+        few = (longest.T @ smooth @ longest).toarray()
+        independent = longest.shape[0] >= longest.shape[1]  # otherwise the mesh has eight vertices
+        exact = np.linalg.inv(few) if independent else np.linalg.pinv(few, 1e-10, hermitian=True)
         mesh, launch = self._operator.mesh, self._operator.launch
         self._exact = TallMatrix(mesh, launch, scipy.sparse.csr_array(exact))
         self._smooth, self._matrix = (
