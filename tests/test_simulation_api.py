@@ -249,6 +249,23 @@ def test_potential_vorticity_and_kinetic_energy_are_fields(tmp_path):
     assert {"potential_vorticity", "kinetic_energy"}.isdisjoint(file.about)
 
 
+def test_the_anomaly_of_potential_vorticity_is_that_of_columns_at_the_mean_depth(tmp_path):
+    sim = small("williamson5", fields="h,potential_vorticity_anomaly")
+    sim.run(days=0.25, out=tmp_path / "run.nc")
+    run, whole = open_run(tmp_path / "run.nc"), sim.to_xarray().isel(time=0)
+    mean = np.average(whole.h, weights=whole.area)
+    right = (whole.vorticity + whole.f) * mean / whole.h - whole.f
+    np.testing.assert_allclose(run.potential_vorticity_anomaly[-1], right, atol=1e-18)
+    assert run.potential_vorticity_anomaly.attrs["units"] == "s-1"
+    sim = small("williamson5")
+    sim.run(days=0.25, out=tmp_path / "whole.nc")
+    found = RunFile(tmp_path / "whole.nc").values("potential_vorticity_anomaly")
+    np.testing.assert_allclose(found, right, atol=1e-18)
+    assert sim.plot("potential_vorticity_anomaly").get_title()
+    norms = open_run(tmp_path / "whole.nc").swe.error_norms(whole, "potential_vorticity_anomaly")
+    assert norms.l2_potential_vorticity_anomaly[-1] < 1e-14
+
+
 def test_times_of_pictures_are_days():
     sim = small("williamson5")
     sim.run(days=0.5, every=6, keep=True)

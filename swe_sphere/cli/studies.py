@@ -179,7 +179,7 @@ def ensemble(
     if not config.diagnostics:  # loading them is necessary to know their names
         check_field(field)
     if config.fields:
-        derive(dict.fromkeys((*config.fields, "b"), np.zeros(1)), field)
+        derive(dict.fromkeys((*config.fields, "b", "f", "area"), np.ones(1)), field)
     place = out or Path(f"{Path(config.scene).stem}_ensemble")
     for path in () if config.overwrite else spread_files(field, place):
         check_ours(path, *MARKS, what="is not of an ensemble")

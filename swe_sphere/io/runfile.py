@@ -186,7 +186,7 @@ class Source(ABC):
         """Return the stored fields (N,) at time [s] (None: the last) by name; of a run also b."""
 
     def state(self, time: float | None = None) -> dict[str, Array]:
-        """Return the fields of `frame`, and the Coriolis parameter f if the source contains it."""
+        """Return the fields of `frame`, and f and area if the source contains them."""
         return self.frame(time)
 
     @abstractmethod
@@ -290,7 +290,8 @@ class RunFile(Nodal):
 
     def state(self, time: float | None = None) -> dict[str, Array]:
         with reading(self.path) as data:
-            known = {"f": checked(self.path, "f", data["f"].variable)} if "f" in data else {}
+            names = [name for name in ("f", "area") if name in data]
+            known = {x: checked(self.path, x, data[x].variable) for x in names}
         return self.frame(time) | known
 
     def series(self) -> tuple[Array, dict[str, Array]]:

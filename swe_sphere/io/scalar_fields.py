@@ -68,7 +68,7 @@ def check_field(name: str, own: Iterable[str] = (), *, vector: bool = False) -> 
 
 
 def derive(fields: Mapping[str, Array], name: str) -> Array:
-    """Return the named field from stored ones (u, v, h, b, f, ...): (N,), or (2, N) for "wind"."""
+    """Return the named field from stored ones (u, h, f, area, ...): (N,), for "wind" (2, N)."""
     if name in fields:
         return fields[name]
     if name == "surface":
@@ -79,6 +79,9 @@ def derive(fields: Mapping[str, Array], name: str) -> Array:
         return 0.5 * derive(fields, "speed") ** 2
     if name == "potential_vorticity":
         return (derive(fields, "vorticity") + derive(fields, "f")) / derive(fields, "h")
+    if name == "potential_vorticity_anomaly":
+        depth = np.average(derive(fields, "h"), weights=derive(fields, "area"))
+        return depth * derive(fields, "potential_vorticity") - derive(fields, "f")
     if name == "wind":
         return np.stack([derive(fields, "u"), derive(fields, "v")])
     raise ConfigError(f"the field {name!r} is missing; there are {', '.join(fields)}")

@@ -195,7 +195,7 @@ class RunConfig(SharedConfig):
     """Output file: netCDF, or a Zarr store if it ends in .zarr."""
     fields: Names = ()
     """Fields to write: h, u, v, vorticity, divergence, q_TRACER, custom ones (default: all of
-    these), potential_vorticity, kinetic_energy."""
+    these), potential_vorticity, potential_vorticity_anomaly, kinetic_energy."""
     outputs: Annotated[tuple[Output, ...], BeforeValidator(_outputs)] = ()
     """Further files, each with fields, a grid and times of its own; tables [[output]] in TOML."""
     overwrite: bool = False

@@ -66,13 +66,13 @@ class Snapshot:
 
     @cached_property
     def all_fields(self) -> Fields:
-        """The fields with vorticity, divergence, Coriolis parameter f [s-1] and bottom b [m]."""
+        """The fields with vorticity, divergence, bottom b [m], Coriolis parameter f and area."""
         from swe_sphere.operators.diagnose import divergence, vorticity  # imports Warp
 
         mesh, u, v = self.model.mesh, self.fields["u"], self.fields["v"]
         return self.fields | {
             "vorticity": vorticity(mesh, u, v), "divergence": divergence(mesh, u, v),
-            "b": self.model.bottom, "f": self.model.coriolis,
+            "b": self.model.bottom, "f": self.model.coriolis, "area": mesh.area,
         }  # fmt: skip
 
     @cached_property
