@@ -56,7 +56,7 @@ def write(path: Path, progress: int, first: int = 0, last: int = FRAMES) -> None
         for k in range(first, last):
             writer.write(60.0 * k, frame(k), numbers(k))
             os.write(progress, b"f")
-            writer.checkpoint(state_dict(k), 60.0 * k, k, "rk4")
+            writer.checkpoint(state_dict(k), k)
             os.write(progress, b"c")
             writer.record(60.0 * k + 30.0, numbers(k + 0.5))
         writer.finish({"completed": True, "steps": last})

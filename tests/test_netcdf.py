@@ -56,7 +56,7 @@ def written(tmp_path, mesh):
         writer.write(0.0, frame(mesh, 0), {"mass": 1.0, "l2_h": None})
         writer.record(3600.0, {"mass": 1.5})
         writer.write(7200.0, frame(mesh, 1), {"mass": 2.0, "l2_h": 0.5})
-        writer.checkpoint(state_dict(mesh.size, 1), 7200.0, 24, "bdf2")
+        writer.checkpoint(state_dict(mesh.size, 1), 24)
         writer.finish({"rhs_evaluations": 17, "cuts": ["a", "b"]})
     return path
 
@@ -218,8 +218,7 @@ def test_plain_readers_of_the_format_read_it_too(written, mesh):
 
 def test_checkpoint_comes_back_bit_by_bit(written, mesh):
     found = read_checkpoint(written)
-    assert (found.time, found.steps, found.stepper) == (7200.0, 24, "bdf2")
-    assert found.attributes["scene"] == "x"
+    assert (found.steps, found.attributes["scene"]) == (24, "x")
     for name, array in state_dict(mesh.size, 1).items():
         back = found.state_dict[name]
         assert (back.dtype, back.shape) == (np.asarray(array).dtype, np.shape(array))
@@ -231,7 +230,7 @@ def test_latest_checkpoint_wins_also_after_the_memory_changed(tmp_path, mesh):
     with FrameWriter(path, mesh, {}) as writer:
         writer.write(0.0, frame(mesh, 0))
         for step, size in enumerate((5, 5, 5, 9)):
-            writer.checkpoint({"file": np.full(size, float(step))}, 60.0 * step, step, "rk4")
+            writer.checkpoint({"file": np.full(size, float(step))}, step)
     for place in (path, checkpoint_path(path)):
         found = read_checkpoint(place)
         assert found.steps == 3
@@ -245,7 +244,7 @@ def test_a_spoilt_checkpoint_is_never_taken_for_a_whole_one(tmp_path, mesh, stri
     arrays = {"a": np.arange(3.0), "b": np.array([1, 2])}
     with FrameWriter(path, mesh, {}) as writer:
         writer.write(0.0, frame(mesh, 0))
-        writer.checkpoint(arrays, 60.0, 1, "rk4")
+        writer.checkpoint(arrays, 1)
     beside = checkpoint_path(path)
     whole = beside.read_bytes()
     refused = 0
@@ -259,7 +258,7 @@ def test_a_spoilt_checkpoint_is_never_taken_for_a_whole_one(tmp_path, mesh, stri
                 assert "damaged" in str(error) and "\n" not in str(error)
                 refused += 1
                 continue
-            assert (found.steps, found.time, found.stepper) == (1, 60.0, "rk4")
+            assert found.steps == 1
             for name, array in arrays.items():
                 assert found.state_dict[name].tobytes() == array.tobytes()
     assert refused > len(whole) // stride
@@ -345,7 +344,7 @@ def write_until_full(path, mesh, most=1000):
         for step in range(most):
             writer.write(60.0 * step, frame(mesh, step), {"mass": 1.0, "energy": 2.0})
             frames = step + 1
-            writer.checkpoint({"state": np.full(8 * mesh.size, step)}, 60.0 * step, step, "rk4")
+            writer.checkpoint({"state": np.full(8 * mesh.size, step)}, step)
             checkpoints = step
     return frames, checkpoints, one_line(error)
 
@@ -430,7 +429,7 @@ def test_a_file_that_others_remove_or_change_is_noticed_at_once(tmp_path, mesh, 
         harm(writer.path)
         arguments = {
             "write": (60.0, frame(mesh, 1)), "record": (60.0, {"mass": 1.0}),
-            "checkpoint": (state_dict(mesh.size, 1), 60.0, 1, "rk4"),
+            "checkpoint": (state_dict(mesh.size, 1), 1),
             "finish": ({"completed": True},),
         }  # fmt: skip
         with pytest.raises(RunFailed, match=r"run\.nc was .* while the run") as error:

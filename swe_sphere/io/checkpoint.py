@@ -29,13 +29,10 @@ ARRAY = "array:"
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The arrays of a stepper, its time and step, and the attributes of its run."""
+    """The arrays of a stepper, its number of steps, and the attributes of its run."""
 
     state_dict: dict[str, NDArray[np.generic]]
-    time: float
-    """Time since the start of the run [s]."""
     steps: int
-    stepper: str
     attributes: dict[str, Any]
     """Attributes of the file of frames, including its run_id."""
 
@@ -91,7 +88,7 @@ def _read(path: Path) -> Checkpoint:
         values = json.loads(arrays.pop(HEADER).item())
         CheckpointHeader.model_validate(values)
         state_dict = {name: arrays[ARRAY + name] for name in values.pop(ARRAYS)}
-        return Checkpoint(state_dict, **values)
+        return Checkpoint(state_dict, values["steps"], values["attributes"])
     except (OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, SyntaxError,
             RuntimeError, zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
         raise ConfigError(

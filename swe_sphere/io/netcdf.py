@@ -168,14 +168,12 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         with self._writing():
             self._growing.add_sample(self._sample(time, diagnostics))
 
-    def checkpoint(
-        self, state_dict: Mapping[str, np.ndarray], time: float, steps: int, stepper: str
-    ) -> None:
+    def checkpoint(self, state_dict: Mapping[str, np.ndarray], steps: int) -> None:
         """Replace the checkpoint by one from which the run can be resumed bit by bit.
 
-        state_dict: the stepper's arrays; time [s], steps: its time and step; stepper: its name.
+        state_dict: the stepper's arrays; steps: its number of steps.
         """
-        checkpoint = Checkpoint({**state_dict}, time, steps, stepper, self._attributes)
+        checkpoint = Checkpoint({**state_dict}, steps, self._attributes)
         with self._writing():
             write_checkpoint(checkpoint_path(self.path), checkpoint)
 

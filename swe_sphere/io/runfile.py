@@ -55,11 +55,9 @@ class RunAttributes(BaseModel, strict=True, allow_inf_nan=False):
 
 
 class CheckpointHeader(BaseModel, strict=True, allow_inf_nan=False):
-    """Header of a checkpoint; unknown entries raise an error where the checkpoint is built."""
+    """Header of a checkpoint; other entries are ignored."""
 
-    time: Annotated[float, Field(ge=0.0)]
     steps: Count
-    stepper: str
     arrays: list[str]
     attributes: RunAttributes
 

@@ -266,11 +266,11 @@ class Recorder(Observer):
             self.sim.comm.on_root(lambda: self._writer.write(snapshot.time, fields))
             return
         numbers = snapshot.diagnostics
-        arrays, stepper = self.sim.restart_arrays(), self.sim.config.stepper
+        arrays = self.sim.restart_arrays()
 
         def write() -> None:
             self._writer.write(snapshot.time, fields, numbers)
-            self._writer.checkpoint(arrays, snapshot.time, steps, stepper)
+            self._writer.checkpoint(arrays, steps)
 
         self.sim.comm.on_root(write)
 
@@ -299,8 +299,11 @@ class Recorder(Observer):
 class Keeper(Observer):
     """Keeps the frames of a run in memory: a dataset each, by the number of steps."""
 
+    def __init__(self) -> None:
+        self.frames: dict[int, Any] = {}
+
     def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
-        self._plan, self.frames = plan, {snapshot.steps: snapshot.sim.to_xarray()}
+        self._plan, self.frames[snapshot.steps] = plan, snapshot.sim.to_xarray()
 
     def due(self, step: int) -> bool:
         return self._plan.is_frame(step)
