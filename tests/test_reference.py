@@ -7,6 +7,7 @@ import netCDF4
 import numpy as np
 import pytest
 
+from swe_sphere.analysis.accessor import open_run
 from swe_sphere.equations.effects import Forcing, Orography, Viscosity
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import norms
@@ -186,6 +187,17 @@ def test_runs_and_grids_compare_both_ways(runs):
         found = compare(*(runs[name] for name in pair))
         assert found["field"] == "surface" and found["time"] == 5.0 * DAY
         assert found["linf"] < 2e-7, pair
+
+
+def test_one_frame_of_a_regridded_run_is_a_reference(runs, tmp_path):
+    """The time in such a file is a scalar."""
+    one = tmp_path / "one.nc"
+    open_run(runs["first"]).swe.to_latlon(19, 36).isel(time=-1).to_netcdf(one)
+    for time in (None, 5.0 * DAY):
+        found = compare(runs["first"], one, time=time)
+        assert found["time"] == 5.0 * DAY and found["linf"] < 1e-12
+    sim = Simulation("williamson5", ne=2, days=5, reference=one)
+    assert sim.reference.nearest(None) == 5.0 * DAY
 
 
 def test_time_is_that_asked_for(runs):

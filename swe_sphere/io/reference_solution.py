@@ -48,9 +48,9 @@ def latitude_weights(lat: Array, bounds: Array | None = None) -> Array:
     Latitudes of a Gaussian grid have Gauss weights; others have the zones between bounds (M, 2)
     [rad] or, without bounds, between the midpoints of neighbours.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(lat.size)
     if bounds is not None:
         return np.abs(np.diff(np.sin(bounds), axis=1)[:, 0]) / 2.0
+    nodes, weights = np.polynomial.legendre.leggauss(lat.size)
     order = np.argsort(lat)
     sines = np.sin(lat[order])
     if not np.allclose(sines, nodes, rtol=0.0, atol=1e-6):
@@ -74,7 +74,8 @@ class Reference(Source):
             self.lat, self.lon = (np.radians(data[x].values.astype(float)) for x in ("lat", "lon"))
             self._has_frames = "time" in data.variables
             days = re.findall(r"day (\d+(?:\.\d+)?)", self.title)[:1]
-            self.times = data["time"].values if self._has_frames else DAY * np.array(days, float)
+            stated = data["time"].values if self._has_frames else DAY * np.array(days, float)
+            self.times = np.atleast_1d(stated)
             """Times [s since the start]; none where neither file nor title states one."""
             self.fields = _fields(self.path, data, -1)
             """Fields of the reference, or of the last time."""
