@@ -272,6 +272,8 @@ class RunFile(Nodal):
             if not (self.times.ndim == 1 and np.all(np.diff(self.times, prepend=-1.0) > 0.0)):
                 raise ValueError("its times do not increase")
             self.bottom = checked(self.path, "b", data["b"].variable)
+            names = [name for name in ("f", "area") if name in data]
+            self._constants = {x: checked(self.path, x, data[x].variable) for x in names}
 
     @cached_property
     def mesh(self) -> Mesh:  # type: ignore[override]
@@ -287,10 +289,7 @@ class RunFile(Nodal):
             return {"b": self.bottom} | found
 
     def state(self, time: float | None = None) -> dict[str, Array]:
-        with reading(self.path) as data:
-            names = [name for name in ("f", "area") if name in data]
-            known = {x: checked(self.path, x, data[x].variable) for x in names}
-        return self.frame(time) | known
+        return self.frame(time) | self._constants
 
     def series(self) -> tuple[Array, dict[str, Array]]:
         """Return the times (D,) [s] of the diagnostics, and each series (D,), NaN where missing."""
