@@ -10,7 +10,6 @@ import numpy as np
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.io.layout import TRACER, VARIABLES
-from swe_sphere.mesh import Interpolator, Mesh
 
 
 @dataclass(frozen=True)
@@ -107,11 +106,3 @@ def evaluate(sampler: Sampler, fields: Mapping[str, Array], name: str) -> Array:
         u, v = sampler.wind(*derive(fields, "wind"))
         return derive({"u": u, "v": v}, name)
     return sampler(derive(fields, name))
-
-
-def at_nodes(fine: Mesh, fields: Mapping[str, Array], mesh: Mesh) -> dict[str, Array]:
-    """Return u, v, h and, if present, vorticity of a finer mesh at the nodes of another."""
-    interpolator = Interpolator(fine, mesh.lon, mesh.lat)
-    u, v = evaluate(interpolator, fields, "wind")
-    scalars = fields.keys() & {"h", "vorticity"}
-    return {"u": u, "v": v} | {name: interpolator(fields[name]) for name in scalars}

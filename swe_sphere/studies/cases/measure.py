@@ -15,8 +15,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.errors import RunFailed
 from swe_sphere.io.integrals import DRIFTS, area_mean, by_name, field_errors
 from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
-from swe_sphere.io.scalar_fields import at_nodes
-from swe_sphere.mesh import Mesh
+from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import (
@@ -124,7 +123,9 @@ def _completed(run: RunConfig) -> Simulation:
 def _compared(sim: Simulation, case: Case, changes: dict[str, Any]) -> Fields:
     """Return the final fields of the case with changes of its run, at the nodes of `sim`."""
     other = _completed(case.configured(changes).model_copy(update={"tolerance": None}))
-    return at_nodes(other.mesh, other.snapshot.fields, sim.mesh)
+    at, fields = Interpolator(other.mesh, sim.mesh.lon, sim.mesh.lat), other.snapshot.fields
+    u, v = at.wind(fields["u"], fields["v"])
+    return {"u": u, "v": v, "h": at(fields["h"])}
 
 
 def _extremes(sim: Simulation) -> dict[str, float]:
