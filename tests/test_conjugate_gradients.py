@@ -9,7 +9,7 @@ import scipy.sparse.linalg as sla
 import warp as wp
 
 from swe_sphere.solvers.krylov import ConjugateGradients, LinearResult, Status
-from swe_sphere.solvers.vector_space import VectorSpace
+from swe_sphere.solvers.vector_space import DeviceSpace, VectorSpace
 
 N = 400
 
@@ -38,7 +38,8 @@ def solve(
     apply, b, weights=None, guess=None, real=wp.float64, kernels=False, precondition=None, **options
 ) -> tuple[LinearResult, np.ndarray]:
     """Result and solution."""
-    space = VectorSpace(np.ones(N) if weights is None else weights, real=real, kernels=kernels)
+    weights = np.ones(N) if weights is None else weights
+    space = (DeviceSpace if kernels else VectorSpace)(weights, real=real)
     x = space.zeros() if guess is None else wp.array(guess, dtype=real, device="cpu")
     result = ConjugateGradients(space).solve(
         operator(apply),

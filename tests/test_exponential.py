@@ -14,7 +14,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.solvers.krylov import WINDOW, KrylovBasis
-from swe_sphere.solvers.vector_space import VectorSpace
+from swe_sphere.solvers.vector_space import DeviceSpace, VectorSpace
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.exponential import ExponentialResult, KrylovExponential, _remainder
 from swe_sphere.steppers.stage_solver import energy_weights
@@ -58,7 +58,8 @@ def solve(
     """The result for random sources, its error and the size of the solution."""
     rng = np.random.default_rng(terms)
     n = len(a)
-    space = VectorSpace(rng.uniform(0.5, 2.0, n), "cpu", real, kernels)
+    kind = DeviceSpace if kernels else VectorSpace
+    space = kind(rng.uniform(0.5, 2.0, n), real=real)
     solver, u = KrylovExponential(space, terms, size), np.zeros((terms, n))
     for k in range(terms):
         dtype = wp.dtype_to_numpy(real)

@@ -8,9 +8,10 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as sla
 import warp as wp
 
+from swe_sphere.equations.right_hand_side import Operator
 from swe_sphere.errors import ConfigError
-from swe_sphere.solvers.krylov import FlexibleGMRES, LinearResult, Operator, Status
-from swe_sphere.solvers.vector_space import VectorSpace
+from swe_sphere.solvers.krylov import FlexibleGMRES, LinearResult, Status
+from swe_sphere.solvers.vector_space import DeviceSpace, VectorSpace
 
 Matrix = Callable[[np.ndarray], np.ndarray]
 
@@ -43,7 +44,7 @@ def solve(
 ) -> tuple[LinearResult, np.ndarray]:
     """Result and solution."""
     weights = np.ones(b.size) if weights is None else weights
-    space = VectorSpace(weights, real=real, kernels=kernels)
+    space = (DeviceSpace if kernels else VectorSpace)(weights, real=real)
     x = space.room(1)[0] if guess is None else wp.array(guess, dtype=real, device="cpu")
     result = FlexibleGMRES(space, size).solve(
         operator(matrix),

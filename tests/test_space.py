@@ -12,17 +12,17 @@ from swe_sphere.kernels import specialise
 from swe_sphere.kernels.simd.sums import tree, weighted_products
 from swe_sphere.operators.chunks import branches
 from swe_sphere.solvers.krylov import KrylovBasis
-from swe_sphere.solvers.vector_space import VectorSpace
+from swe_sphere.solvers.vector_space import DeviceSpace, HostSpace, VectorSpace
 
 N = 9001  # neither a multiple of the spans of the host nor of the blocks of GPUs
-WAYS = list(product((False, True), (wp.float64, wp.float32)))
+WAYS = list(product((HostSpace, DeviceSpace), (wp.float64, wp.float32)))
 
 
-@pytest.fixture(params=WAYS, ids=lambda way: f"{'gpu' if way[0] else 'cpu'}-{way[1].__name__}")
+@pytest.fixture(params=WAYS, ids=lambda way: f"{way[0].__name__}-{way[1].__name__}")
 def space(request: pytest.FixtureRequest) -> VectorSpace:
-    kernels, real = request.param
+    kind, real = request.param
     weights = np.random.default_rng(1).uniform(0.5, 2.0, N)
-    return VectorSpace(weights, real=real, kernels=kernels)
+    return kind(weights, real=real)
 
 
 def weights_of(space: VectorSpace) -> np.ndarray:
@@ -65,8 +65,8 @@ def test_lowest_of_a_part_and_no_number(space: VectorSpace) -> None:
 
 def test_sums_are_accurate_when_the_vectors_are_not() -> None:
     n = 200_000
-    for kernels in (False, True):
-        space = VectorSpace(np.ones(n), real=wp.float32, kernels=kernels)
+    for kind in (HostSpace, DeviceSpace):
+        space = kind(np.ones(n), real=wp.float32)
         x = wp.full(n, 0.1, dtype=wp.float32, device="cpu")
         assert space.dot(x, x) == pytest.approx(n * float(np.float32(0.1)) ** 2, rel=1e-12)
 
@@ -173,7 +173,7 @@ def test_what_is_not_finite_shows(space: VectorSpace, bad: float) -> None:
 def test_kernels_agree_with_numpy_and_repeat_bit_by_bit(real: type) -> None:
     weights = np.random.default_rng(1).uniform(0.5, 2.0, N)
     host, device, again = (
-        VectorSpace(weights, real=real, kernels=kernels) for kernels in (False, True, True)
+        kind(weights, real=real) for kind in (HostSpace, DeviceSpace, DeviceSpace)
     )
     stacks = [random_stack(space, 40)[0] for space in (host, device, again)]
     found = []

@@ -7,7 +7,7 @@ problem itself; flexible, so that the preconditioner may change between iteratio
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Self
@@ -16,12 +16,10 @@ import numpy as np
 import warp as wp
 
 from swe_sphere.arrays import Array
+from swe_sphere.equations.right_hand_side import Operator
 from swe_sphere.errors import ConfigError
 from swe_sphere.ranks.limits import check_stop
 from swe_sphere.solvers.vector_space import VectorSpace
-
-# An operator reads its first vector and writes its second.
-Operator = Callable[[wp.array, wp.array], None]
 
 # Below this many round-offs of the terms that cancel in it, the residual of a recurrence is
 # unreliable: it continues to fall when the true residual cannot.

@@ -6,13 +6,14 @@ doi:10.1016/j.jcp.2003.08.010.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
 import warp as wp
 
-from swe_sphere.solvers.krylov import FlexibleGMRES, Operator, SolveResult, Status
+from swe_sphere.equations.right_hand_side import Operator
+from swe_sphere.solvers.krylov import FlexibleGMRES, SolveResult, Status
 from swe_sphere.solvers.vector_space import VectorSpace
 
 # The unknown cannot resolve a correction of so few of its round-offs.
@@ -79,16 +80,11 @@ class Problem(Protocol):
 
 @dataclass(kw_only=True)
 class NewtonResult(SolveResult):
-    """A Newton solve: forcing term, Krylov iterations and step fraction of each iteration.
-
-    The fraction of the Newton step is 0 if no step was accepted. floor: a residual below which no
-    further iteration pays.
-    """
+    """A Newton solve.  floor: a residual below which no further iteration pays."""
 
     floor: float
-    forcing: list[float] = field(default_factory=list)
-    krylov: list[int] = field(default_factory=list)
-    lengths: list[float] = field(default_factory=list)
+    newton_iterations: int = 0
+    krylov_iterations: int = 0
 
     @property
     def counts(self) -> str:
@@ -97,32 +93,22 @@ class NewtonResult(SolveResult):
             f" residual {self.history[0]:.1e} to {self.residual:.1e}, wanted {self.target:.1e}"
         )
 
-    @property
-    def newton_iterations(self) -> int:
-        return len(self.krylov)
-
-    @property
-    def krylov_iterations(self) -> int:
-        return sum(self.krylov)
-
 
 class NewtonKrylov:
     """Solver of F(x) = 0; keep the instance: it allocates four vectors and a basis once."""
 
     def __init__(
-        self, space: VectorSpace, gmres: FlexibleGMRES, rtol: float = 1e-6, atol: float = 0.0,
+        self, space: VectorSpace, gmres: FlexibleGMRES, rtol: float = 1e-6,
         max_iterations: int = 20, max_krylov: int = 200,
         forcing: Callable[[float, float, float | None], float] = followed_nonlinearity,
     ) -> None:  # fmt: skip
-        """Set the tolerances: converged means |F(x)| <= max(rtol |F(x_0)|, atol) in the norm.
+        """Set the tolerance: converged means |F(x)| <= rtol |F(x_0)| in the norm of the space.
 
-        The norm is that of the space. max_krylov: largest number of Krylov iterations per Newton
-        iteration.
+        max_krylov: largest number of Krylov iterations per Newton iteration.
         """
         self.space, self.gmres = space, gmres
-        self.rtol, self.atol = rtol, atol
+        self.rtol, self.forcing = rtol, forcing
         self.max_iterations, self.max_krylov = max_iterations, max_krylov
-        self.forcing = forcing
         self.nonlinearity: float | None = None
         """Last measured nonlinearity, kept from solve to solve; see `followed_nonlinearity`."""
         self._residual, self._trial_residual = space.zeros(), space.zeros()
@@ -141,11 +127,11 @@ class NewtonKrylov:
         """
         problem.residual(x, self._residual)
         first = self.space.norm(self._residual)
-        target = max(self.rtol * (first if scale is None else scale), self.atol)
+        target = self.rtol * (first if scale is None else scale)
         p = NewtonResult(history=[first], target=target, floor=floor)
         if not math.isfinite(first):
             return p.end(Status.NAN, "the residual of the guess is not finite")
-        if first == 0.0 or (scale is None and first <= p.target):
+        if first == 0.0:
             return p.end(Status.CONVERGED, "the guess is good enough")
         p.target = min(max(p.target, floor), LEAST_GAIN * first)
         while p.status is None and p.newton_iterations < self.max_iterations:
@@ -161,9 +147,8 @@ class NewtonKrylov:
             problem.jacobian, self._residual, self._direction, problem.precondition, rtol=eta,
             max_iterations=self.max_krylov, scale=norm, guess=False,
         )  # fmt: skip
-        p.forcing.append(eta)
-        p.krylov.append(linear.iterations)
-        p.lengths.append(0.0)
+        p.newton_iterations += 1
+        p.krylov_iterations += linear.iterations
         if linear.status is Status.NAN:
             p.end(Status.NAN, f"linear solve: {linear.message}")
             return
@@ -194,7 +179,7 @@ class NewtonKrylov:
         norm, length = p.residual, search.length
         expected = (1.0 - length * (1.0 - eta)) * norm
         missed = math.sqrt(max(search.norm**2 - expected**2, 0.0))
-        if math.isfinite(missed) and (len(p.krylov) == 1 or missed > expected):
+        if math.isfinite(missed) and (p.newton_iterations == 1 or missed > expected):
             self.nonlinearity = missed / (length * norm) ** 2
 
     def _accept(
@@ -209,7 +194,6 @@ class NewtonKrylov:
             self.space.copy(self._trial, x)
             self._residual, self._trial_residual = self._trial_residual, self._residual
             p.history.append(search.norm)
-            p.lengths[-1] = search.length
             if search.norm <= max(p.target, p.floor):
                 p.end(Status.CONVERGED, "converged")
                 return

@@ -58,23 +58,22 @@ class VectorSpace:
     _allocate: Callable[[], None]
 
     def __new__(
-        cls, _: Any, device: Any = None, real: Any = None, kernels: Any = None, mesh: Any = None
+        cls, _: Any, device: Any = None, real: Any = None, mesh: Any = None
     ) -> "VectorSpace":
-        if kernels is None:
-            device = device or ("cpu" if mesh is None else mesh.device)
-            kernels = not wp.get_device(device).is_cpu
-        return super().__new__(DeviceSpace if kernels else HostSpace)
+        if cls is not VectorSpace:
+            return super().__new__(cls)
+        device = device or ("cpu" if mesh is None else mesh.device)
+        return super().__new__(HostSpace if wp.get_device(device).is_cpu else DeviceSpace)
 
     def __init__(
         self, weights: ArrayLike, device: str | None = None, real: type | None = None,
-        kernels: bool | None = None, mesh: DeviceMesh | None = None,
+        mesh: DeviceMesh | None = None,
     ) -> None:  # fmt: skip
         """Create a space with weights (n,) > 0 [any unit] and vectors of `real`.
 
         real: wp.float64 or wp.float32. mesh: mesh of the weights' nodal fields (k N,), which
         several ranks may share. Device and type default to the mesh's, without a mesh to the CPU
-        and wp.float64. kernels: selects the kernels of GPUs; the default selects them except on
-        "cpu". Raises ConfigError unless all weights are positive and finite.
+        and wp.float64. Raises ConfigError unless all weights are positive and finite.
         """
         self._mesh = mesh
         values = np.array(weights, dtype=np.float64)

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
+from swe_sphere.equations.right_hand_side import Operator
 from swe_sphere.errors import ConfigError
 from swe_sphere.ranks.limits import check_stop
-from swe_sphere.solvers.krylov import KrylovBasis, Operator
+from swe_sphere.solvers.krylov import KrylovBasis
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.implicit import VariableStepper
 from swe_sphere.steppers.stability import ROUNDING
