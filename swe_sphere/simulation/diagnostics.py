@@ -49,7 +49,8 @@ class Snapshot:
     """A state between two steps, whose fields and numbers are computed when first requested.
 
     state: flat array of the model, on its device.  time [s], steps: since the start.  sim: the
-    simulation of the state; without it the snapshot has no numbers.
+    simulation of the state; without it the snapshot has fields, but neither numbers nor
+    user-defined diagnostics.
     """
 
     def __init__(
@@ -78,8 +79,6 @@ class Snapshot:
     @cached_property
     def _numbers(self) -> Numbers:
         """Integrals, drifts, Courant numbers, numbers of tracers and exact errors."""
-        if self.sim is None:
-            return {}
         model, fields, (start, masses) = self.model, self.all_fields, self.sim.initial_numbers
         scene, mesh, dt = model.scene, model.mesh, self.sim.present_dt
         now = state_integrals(model, fields)
@@ -108,7 +107,7 @@ class Snapshot:
 
         It is empty while a diagnostic is evaluated, so that one may read the whole state.
         """
-        if self.sim is None or self._is_evaluating:
+        if self._is_evaluating:
             return {}
         self._is_evaluating = True
         try:
