@@ -1,11 +1,10 @@
 """Base of all steppers, which advance their state by one step at a time."""
 
-import tomllib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import nullcontext
 from fractions import Fraction
-from importlib.resources import files
+from pathlib import Path
 from typing import Any, ClassVar, Literal, TypeVar, get_args
 
 import numpy as np
@@ -20,6 +19,7 @@ from swe_sphere.files.user_file import is_custom
 from swe_sphere.operators.replay import Replay
 from swe_sphere.ranks.limits import one_thread
 from swe_sphere.settings.registry import Registry
+from swe_sphere.settings.values import read_toml
 from swe_sphere.steppers.split_diffusion import Diffusion, SplitPenalty
 from swe_sphere.steppers.stability import GROWTH_TIME, Complex, largest_step
 from swe_sphere.steppers.stage_solver import StageSolver
@@ -361,18 +361,12 @@ class Stepper(Trajectory, ABC):
 S = TypeVar("S", bound=Stepper)
 
 
-def read_table(name: str) -> dict[str, Any]:
-    """Return a table in methods.toml, with tuples for lists and numbers for fractions."""
-    tables = tomllib.loads((files(__package__) / "methods.toml").read_text())
-    return {key: _constant(value) for key, value in tables[name].items()}
-
-
 def read_methods(family: type[S]) -> list[type[S]]:
     """Define the methods of a family in methods.toml: classes with the attributes in a table."""
     return [
         type(name, (family,), {"__module__": family.__module__, "__doc__": table["doc"].strip()}
              | {key: value for key, value in table.items() if key != "doc"})
-        for name, table in read_table(family.__name__).items()
+        for name, table in METHODS[family.__name__].items()
     ]  # fmt: skip
 
 
@@ -384,6 +378,10 @@ def _constant(value: Any) -> Any:
         return tuple(map(_constant, value))
     is_fraction = isinstance(value, str) and "/" in value
     return float(Fraction(value)) if is_fraction else value
+
+
+METHODS = _constant(read_toml(Path(__file__).with_name("methods.toml")))
+"""The tables of methods.toml, with tuples for lists and numbers for fractions."""
 
 
 class CheckedReplay(Replay):

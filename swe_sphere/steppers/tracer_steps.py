@@ -15,7 +15,7 @@ from swe_sphere.operators.tracers import Crossings, MassSteps, TracerTransport
 from swe_sphere.ranks.limits import check_stop
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.split_diffusion import Diffusion
-from swe_sphere.steppers.stepper import Stepper, Trajectory, is_large, read_table
+from swe_sphere.steppers.stepper import METHODS, Stepper, Trajectory, is_large
 
 FLOW = "flow_"
 """Prefix of the names of the arrays that the flow's stepper keeps."""
@@ -23,7 +23,7 @@ PARTS = 2
 """Largest number of parts of a tracer step in the initial wind; stronger winds require more."""
 MARGIN = 1.1
 """Factor by which the spectral radius may exceed the value expected from the initial state."""
-_REACH = {float(reach): stages for reach, stages in read_table("TracerStages").items()}
+_REACH = {float(reach): stages for reach, stages in METHODS["TracerStages"].items()}
 """Stages by their reach: the largest stable tau times the spectral radius of A.
 
 They are the f_i in m_i = m_0 + f_i tau A m_(i-1): explicit stages for waves alone, of fourth order,
