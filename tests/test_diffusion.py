@@ -25,6 +25,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
 from swe_sphere.mesh import Mesh
+from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.adaptive import AdaptiveSteps
 from swe_sphere.steppers.leapfrog import Leapfrog
@@ -191,5 +192,5 @@ def test_what_cannot_have_it_apart_says_so() -> None:
         STEPPERS["bdf2"](model, 900.0, diffusion="apart")
     with pytest.raises(ConfigError, match="use diffusion=whole"):
         AdaptiveSteps(STEPPERS["tr-bdf2"](model, 900.0, diffusion="apart"), 1e-3)
-    with pytest.raises(ConfigError, match="whole or apart"):
-        STEPPERS["tr-bdf2"](model, 900.0, diffusion="lagged")
+    with pytest.raises(ConfigError, match="diffusion must be one of whole, apart, got 'lagged'"):
+        Simulation("williamson2", ne=2, stepper="tr-bdf2", options={"diffusion": "lagged"})

@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import warp as wp
@@ -25,8 +25,6 @@ KRYLOV_MEMORY = 2e9
 """Number of basis vectors kept by GMRES, and the largest memory they may occupy [bytes]."""
 NEWTON_ITERATIONS = 12
 """Largest number of Newton iterations; beyond it two half steps cost less."""
-DIFFUSION = ("whole", "apart")
-"""Viscosity and hyperviscosity are part of the implicit equations, or are stepped separately."""
 MOST_STEP_PARTS = 64
 """Largest number of parts into which repeated halving divides a step whose solve fails."""
 
@@ -258,8 +256,9 @@ class VariableStepper(Stepper):
 class ImplicitStepper(VariableStepper):
     """A stepper with a Newton-Krylov solver of its equations.
 
-    `tolerance`: see `StageSolver`; `solver`: the solver of another stepper of the same model, to be
-    shared; its tolerance and preconditioner then apply.
+    `tolerance`: see `StageSolver`; `diffusion`: "whole" if viscosity and hyperviscosity are part of
+    the implicit equations, "apart" if they are stepped separately; `solver`: the solver of another
+    stepper of the same model, to be shared; its tolerance and preconditioner then apply.
     """
 
     equations: ClassVar[type[StageProblem]] = StageProblem
@@ -273,11 +272,9 @@ class ImplicitStepper(VariableStepper):
 
     def __init__(
         self, model: Model, dt: float, tolerance: float | None = None,
-        preconditioner: str = "helmholtz", diffusion: str = "whole",
+        preconditioner: str = "helmholtz", diffusion: Literal["whole", "apart"] = "whole",
         solver: NewtonStages | None = None,
     ) -> None:  # fmt: skip
-        if diffusion not in DIFFUSION:
-            raise ConfigError(f"diffusion must be {' or '.join(DIFFUSION)}, got {diffusion!r}")
         self.diffusion_apart = diffusion == "apart"
         self._held = HeldPenalty(model, dt) if model.penalised and self.splits_penalty else None
         if self._held is not None:
