@@ -2,16 +2,17 @@
 
 import sys
 
+import numpy as np
 import pytest
 
 from swe_sphere.analysis.accessor import open_run
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.io.reference_solution import shipped_reference
 from swe_sphere.logs import print_lines
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
-from swe_sphere.simulation.observers import LogLines, every
+from swe_sphere.simulation.observers import LogLines, Observer, every
 from swe_sphere.simulation.simulation import Simulation, run_scene
 from swe_sphere.simulation.summary import failed_summary
 from swe_sphere.testcases import get_scene
@@ -133,8 +134,51 @@ def test_what_would_not_be_heard_is_refused(values, said):
         small(**values)
 
 
+def test_a_configuration_holds_all_settings():
+    config = make_config({"scene": "williamson6", "ne": 2, "np": 4})
+    frame = small().to_xarray()
+    for others, said in (
+        ({"initial": frame}, "leave out initial"),
+        ({"effects": np.ones(2)}, "leave out effects"),
+        ({"mesh": Mesh.build(3, 4)}, "the mesh has ne=3"),
+    ):
+        with pytest.raises(ConfigError, match=said):
+            Simulation("williamson6", config=config, **others)
+    with pytest.raises(ConfigError, match="for the scene williamson6, not williamson2"):
+        Simulation("williamson2", config=config)
+    mesh = Mesh.build(2, 4)
+    assert Simulation("williamson6", config=config, mesh=mesh).mesh is mesh
+
+
+def test_a_mesh_may_stand_beside_settings_that_are_none():
+    mesh = Mesh.build(3, 4, stretch=2.0, centre=(370.0, 20.0), spin=400.0)
+    assert Simulation("williamson6", mesh=mesh, ne=None).mesh is mesh
+
+
+def test_callbacks_are_only_called_at_multiples_of_their_time():
+    """A short continuation with other steps may end before the first of them."""
+    hours = []
+    sim = Simulation("williamson2", ne=2, np=4)
+    sim.run(days=1.3)
+    sim.run(days=1.33, callbacks=[every(hours=1)(lambda sim: hours.append(sim.time / 3600.0))])
+    assert hours == []
+    sim.run(days=1.4, callbacks=[every(hours=1)(lambda sim: hours.append(sim.time / 3600.0))])
+    assert hours == pytest.approx([32.0, 33.0])
+
+
+def test_a_run_that_could_not_begin_has_no_frames():
+    class Broken(Observer):
+        def begin(self, plan, snapshot):
+            raise RunFailed("not today")
+
+    sim = small()
+    assert sim.run(days=0.25, callbacks=[Broken()], keep=True).reason == "not today"
+    with pytest.raises(ConfigError, match="kept no frames"):
+        _ = sim.frames
+
+
 def test_a_mesh_of_another_planet_is_refused():
-    with pytest.raises(ConfigError, match="the mesh has a radius of 1000 m"):
+    with pytest.raises(ConfigError, match=r"the mesh has radius=1000\.0, and williamson2"):
         Simulation("williamson2", mesh=Mesh.build(2, 4, radius=1e3))
 
 

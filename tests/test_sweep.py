@@ -131,6 +131,16 @@ def test_a_repeat_that_was_cut_short_is_not_the_time_of_the_run(tmp_path):
     assert np.isfinite(found["cpu"].values).sum() >= 2
 
 
+def test_a_repeat_whose_record_is_gone_is_measured_again(tmp_path):
+    options = TINY | {"dt": 3600, "out": tmp_path}
+    sweep("lauter", "rk4", **options | {"repeats": 3})
+    for path in tmp_path.glob("runs/*.json"):
+        if json.loads(path.read_text())["repeat"] == 1:
+            path.unlink()
+    found = rows(sweep("lauter", "rk4", **options | {"repeats": 4}), role="grid")
+    assert np.isfinite(found["cpu"].values).sum() >= 4
+
+
 def test_runs_that_were_not_timed_are_timed_by_a_sweep_that_times(tmp_path):
     """Their errors are kept."""
     options = TINY | {"dt": 3600, "out": tmp_path}

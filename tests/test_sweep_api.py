@@ -4,14 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 from sweeps import assert_same_rows
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
+from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.studies.sweep import SweepWatcher, sweep
 from swe_sphere.studies.sweep.record import UNITS, WORDS, runs_of
+from swe_sphere.studies.sweep.runs import Study
+from swe_sphere.studies.sweep.sweep_plan import make_plan
 from swe_sphere.testcases import get_scene
 
 TINY = {"ne": 2, "np": 4, "days": 0.25, "repeats": 1, "dt": [3600]}
@@ -143,6 +147,48 @@ def test_steps_that_come_to_the_same_are_one_run():
     found = sweep("lauter", "rk4", watcher=watcher, **TINY | {"dt": [3700, 3600, 1800]})
     grid = found.isel(run=found.role.values == "grid")
     assert grid.dt.values.tolist() == [3600.0, 1800.0] and sum(expected) == 2
+
+
+@pytest.mark.parametrize("names", [("ark2", "ars343"), ("ars343", "ark2")])
+def test_stability_limits_do_not_depend_on_the_order_of_steppers(names):
+    """Winds faster than a third of the waves shorten the limit of ars343 only."""
+    depth = {"scene": "williamson6", "ne": 2, "np": 4, "settings": ["scene.depth=6000"]}
+    (space,) = Study(make_plan(depth | {"steppers": names})).spaces()
+    for name in names:
+        alone = Simulation("williamson6", stepper=name, ne=2, np=4, parameters={"depth": 6000})
+        assert space.stable_dt(STEPPERS[name]) == pytest.approx(alone.stable_dt())
+
+
+def test_another_name_of_a_stepper_is_the_same_stepper():
+    found = sweep("williamson2", ["fully-implicit", "tr-bdf2"], **TINY)
+    assert set(found.stepper.values) == {"rk4", "tr-bdf2"} and found.sizes["run"] == 3
+
+
+def test_tracers_take_the_requested_steps_together():
+    """Also where the run would have an odd number of steps."""
+    options = TINY | {"days": 0.35, "dt": [1800], "tracer_steps": 2}
+    found = sweep("deformational", "rk4", **options)
+    assert (found.status == "completed").all() and (found.steps % 2 == 0).all()
+    assert np.isfinite(found.attrs["converged_check"])
+
+
+def test_a_length_of_many_digits_has_equal_steps():
+    """It stands for itself, and not for a nearby part of an hour."""
+    found = sweep("williamson2", "rk4", **TINY | {"days": 0.1157408, "dt": [2500]})
+    assert (found.dt * found.steps).values == pytest.approx(0.1157408 * 86400.0, rel=1e-6)
+
+
+def test_arrays_and_ranges_are_lists():
+    steps = np.array([3600.0, 1800.0])
+    found = sweep("williamson2", "rk4", **TINY | {"dt": steps, "ne": range(2, 4)})
+    grid = found.isel(run=found.role.values == "grid")
+    assert sorted(grid.dt.values) == [1800.0, 1800.0, 3600.0, 3600.0]
+    assert sorted(grid.ne.values) == [2, 2, 3, 3]
+
+
+def test_a_dataset_of_another_kind_has_no_figure():
+    with pytest.raises(ConfigError, match="not one of a sweep"):
+        xr.Dataset().sweep.plot_cost()
 
 
 def test_no_diagnostic_takes_a_name_that_sweeps_have():

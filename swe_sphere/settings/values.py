@@ -139,6 +139,8 @@ def complaint(error: ValidationError) -> str:
     first = error.errors(include_url=False)[0]
     if first["type"] == "too_short":
         return "must not be empty"
+    if first["type"] == "path_type":
+        return "must be the path of a file"
     message: str = first["msg"]
     return message.removeprefix("Value error, ").replace("Input should", "must")
 

@@ -79,6 +79,7 @@ def read_arguments(
     ):
         if not isinstance(thing, kinds):
             raise _unfit(what, choice, thing)
+    effects = () if effects is None else effects
     changes, added = (effects, ()) if isinstance(effects, Mapping) else ({}, effects)
     added = tuple(added) if isinstance(added, Iterable) else (added,)
     if not all(isinstance(effect, Effect) for effect in added):
@@ -97,7 +98,7 @@ def read_arguments(
     if mesh is not None:
         of_mesh = {name: getattr(mesh, name) for name in ("ne", "np", "stretch", "spin")}
         of_mesh["centre_lon"], of_mesh["centre_lat"] = mesh.centre
-        for name in of_mesh.keys() & values.keys():
+        for name in [name for name in of_mesh if values.get(name) is not None]:
             raise ConfigError(f"{name} is given twice: as {name}, and by the mesh")
         values |= of_mesh
     tables = {SCENE: parameters or {}, STEPPER: options or {}}
@@ -177,18 +178,19 @@ def check_mesh(config: RunConfig, scene: Scene) -> dict[str, Any]:
 
 
 def make_mesh(config: RunConfig, scene: Scene, made: Mesh | None = None) -> Mesh:
-    """Return the mesh of the configuration, or the existing mesh `made` if it fits the planet.
+    """Return the mesh of the configuration, or the existing mesh `made` if it is the same.
 
-    Raises the errors of `check_mesh`, and ConfigError if `made` has another radius.
+    Raises the errors of `check_mesh`, and ConfigError if `made` is another mesh.
     """
     values = check_mesh(config, scene)
     if made is None:
         return Mesh.build(**values)
-    if made.radius != scene.planet.radius:
-        raise ConfigError(
-            f"the mesh has a radius of {made.radius:.8g} m, and the planet of {scene.name} one"
-            f" of {scene.planet.radius:.8g} m: build it with radius={scene.planet.radius!r}"
-        )
+    for name, value in values.items():
+        if (other := getattr(made, name)) != value:
+            raise ConfigError(
+                f"the mesh has {name}={other!r}, and {scene.name} is to run with {name}={value!r}:"
+                " build the mesh with this value"
+            )
     return made
 
 

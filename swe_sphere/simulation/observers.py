@@ -299,8 +299,11 @@ class Recorder(Observer):
 class Keeper(Observer):
     """Keeps the frames of a run in memory: a dataset each, by the number of steps."""
 
+    def __init__(self) -> None:
+        self.frames: dict[int, Any] = {}
+
     def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
-        self._plan, self.frames = plan, {snapshot.steps: snapshot.sim.to_xarray()}
+        self._plan, self.frames[snapshot.steps] = plan, snapshot.sim.to_xarray()
 
     def due(self, step: int) -> bool:
         return self._plan.is_frame(step)

@@ -81,8 +81,10 @@ class RunPlan:
         """Return whether the time after that many steps is a multiple of `seconds`."""
         if not self.first <= step <= self.whole:
             return False
-        ahead = self.cycle * round(-self.origin % seconds / (self.cycle * self.dt))
-        return (step - self.first - ahead) % round(seconds / self.dt) == 0
+        ahead = -self.origin % seconds / (self.cycle * self.dt)
+        if abs(ahead - round(ahead)) > 1e-6:
+            return False
+        return (step - self.first - self.cycle * round(ahead)) % round(seconds / self.dt) == 0
 
     def is_sample(self, step: int, times: int) -> bool:
         """Return whether one of about `times` samples of a run is due after that many steps."""
@@ -101,7 +103,7 @@ def free_steps(days: float, dt: float) -> RunPlan:
 
 def time_plan(
     days: float,
-    every: float | None,
+    every: float | Fraction | None,
     dt: float,
     also: Sequence[float] = (),
     cycle: int = 1,
@@ -212,14 +214,14 @@ def led_plan(plan: RunPlan, done: int, now: float, also: Sequence[float] = ()) -
     return replace(plan, steps=first + plan.steps - round(origin / plan.dt))
 
 
-def _interval(length: Fraction, every: float | None, dt: float) -> Fraction:
+def _interval(length: Fraction, every: float | Fraction | None, dt: float) -> Fraction:
     """Return the time between frames [s]: as requested, else the part of the run nearest a day.
 
     A number of hours that is a rounded fraction stands for that fraction: 0.333333 for 1/3.
     """
     if every is None:
         return length / max(1, round(length / max(Fraction(DAY), Fraction(dt))))
-    fraction = Fraction(every).limit_denominator(60)
+    fraction = every if isinstance(every, Fraction) else Fraction(every).limit_denominator(60)
     if fraction > 0 and abs(fraction - Fraction(every)) < MEANT:
         return min(length, 3600 * fraction)
     return min(length, _milliseconds(every * HOUR))

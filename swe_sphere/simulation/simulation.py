@@ -155,7 +155,7 @@ class Simulation(NotCopyable):
         stepper: Any = None,
         mesh: Mesh | None = None,
         preconditioner: Any = None,
-        effects: Mapping[str, object] | Iterable[Effect] = (),
+        effects: Mapping[str, object] | Iterable[Effect] | None = None,
         parameters: Mapping[str, object] | None = None,
         options: Mapping[str, object] | None = None,
         resumed: Restart | None = None,
@@ -171,8 +171,10 @@ class Simulation(NotCopyable):
         objects: dict[str, Any] = {}
         if config is None:
             config, objects = build.read_arguments(scene, mesh, **given)
-        elif more := [name for name, value in given.items() if value not in (None, ())]:
+        elif more := [name for name, value in given.items() if value is not None]:
             raise ConfigError(f"config holds all settings already: leave out {', '.join(more)}")
+        elif isinstance(scene, str | Path) and str(scene) != config.scene:
+            raise ConfigError(f"config is for the scene {config.scene}, not {scene}: change one")
         self._restart = resumed or read_restart(config)
         config = config if self._restart is None else self._restart.adopt(config)
         self.config = self._configured = config
@@ -743,7 +745,7 @@ class Simulation(NotCopyable):
 
         from swe_sphere.analysis.accessor import open_run
 
-        if self._kept is not None:
+        if self._kept is not None and self._kept.frames:
             same: Any = {"data_vars": "minimal", "coords": "minimal", "compat": "override"}
             kept = [*self._kept.frames.values()]
             frames: xr.Dataset = xr.concat(kept, "time", combine_attrs="override", **same)

@@ -92,7 +92,7 @@ def sweep_rankings(datasets: Dataset | Mapping[str, Dataset]) -> list[Ranking]:
 def read_sections(datasets: Dataset | Mapping[str, Dataset]) -> list[Section]:
     """Return a section for each mesh of sweeps; ConfigError for a dataset of another kind."""
     if isinstance(datasets, Dataset):
-        datasets = {str(datasets.attrs["scene"]): datasets}
+        datasets = {str(datasets.attrs.get("scene", "")): datasets}
     sections = []
     for title, dataset in datasets.items():
         plan = json.loads(dataset.attrs.get("plan", "{}"))

@@ -215,7 +215,8 @@ class Sweep:
         while self._left > 0.0 and (pending := [run for run in runs if self._wants_repeat(run)]):
             self._watcher.expect(len(pending))
             for run in pending:
-                self._runner.run(run, repeat=len(self._runner.repeats(run)))
+                last = max(record.repeat for record in self._runner.repeats(run))
+                self._runner.run(run, repeat=last + 1)
 
     def _wants_repeat(self, run: RunSpec) -> bool:
         """Return whether the shortest time of a run is not yet known to AGREE."""
@@ -288,10 +289,9 @@ class Sweep:
         def error(dt: float) -> float:
             run = integrator.spec(dt, "target")
             left = min(end - self._runner.spent, self._plan.time_limit or math.inf)
-            if run not in tried:
-                if left <= 0.0:
-                    raise NoStepError(f"no step is accurate enough within its share of {budget}")
-                self._watcher.expect(1)
+            if run not in tried and left <= 0.0:
+                raise NoStepError(f"no step is accurate enough within its share of {budget}")
+            self._watcher.expect(1)
             self._runner.time_limit = left if math.isfinite(left) else None
             tried[run] = self._runner.run(run, self._evaluator)
             return self._error(tried[run])

@@ -264,7 +264,7 @@ class Runner:
             key=spec.key, repeat=repeat, role=spec.role, config=spec.resolved,
             status=ended.status, reason=ended.reason or "",
             numbers=numbers | spec.integrator.space.limits | untold, errors=[],
-            time_limit=self.time_limit, sources=self._sources | spec.integrator.sources,
+            time_limit=time_limit, sources=self._sources | spec.integrator.sources,
             jobs=self._jobs,
         )  # fmt: skip
         return record, fields

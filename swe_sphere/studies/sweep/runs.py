@@ -168,7 +168,7 @@ class Discretisation:
         self.config, self._own = config, own
         self.scene = make_scene(config, own)
         self.mesh = make_mesh(config, self.scene)
-        self._spectra: dict[object, Spectrum] = {}
+        self._spectra: dict[type[Stepper], Spectrum] = {}
 
     @cached_property
     def identity(self) -> str:
@@ -210,11 +210,12 @@ class Discretisation:
 
     def stable_dt(self, kind: type[Stepper]) -> float:
         """Return the approximate stability limit [s] of a stepper at the initial state, or inf."""
-        how = kind.spectrum.__func__  # type: ignore[attr-defined]
-        if how not in self._spectra:
+        own = kind.spectrum.__func__ is not Stepper.spectrum.__func__  # type: ignore[attr-defined]
+        of = kind if own else Stepper
+        if of not in self._spectra:
             model = self.sim.model
-            self._spectra[how] = kind.spectrum(model, model.initial_state())
-        return kind.limit(self._spectra[how])
+            self._spectra[of] = of.spectrum(model, model.initial_state())
+        return kind.limit(self._spectra[of])
 
 
 class Study:
@@ -232,7 +233,8 @@ class Study:
         self.report_days = tuple(sorted({*plan.report_days, self.days}))
         """Times of errors [days]; the last is the end."""
         times = [Fraction(day * DAY).limit_denominator(1000) for day in self.report_days]
-        self.interval = float(reduce(common_measure, times))
+        self._every = reduce(common_measure, times)
+        self.interval = float(self._every)
         """The longest time [s] of which all report times are multiples, to the millisecond."""
         self.slow = scene.sheds_waves if plan.slow is None else plan.slow
         """True if errors of the slow flow are computed."""
@@ -275,7 +277,9 @@ class Study:
 
         automatic: True for an automatic dt, which may be shortened as much as they require.
         """
-        return time_plan(self.days, self.interval / 3600.0, dt, automatic=automatic)
+        asked = self.plan.run_config().tracer_steps
+        cycle = 1 if asked == "auto" else asked
+        return time_plan(self.days, self._every / 3600, dt, cycle=cycle, automatic=automatic)
 
     def references(self, role: Role) -> tuple[str, ...]:
         """Return the names of the references of a run's errors: part of its identity."""

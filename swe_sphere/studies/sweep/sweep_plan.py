@@ -38,7 +38,8 @@ def _listed(value: object) -> tuple[object, ...]:
         if not (names := names_in(value)):
             raise ValueError("must not be empty")
         return tuple(names)
-    if not isinstance(value, list | tuple):
+    value = value.tolist() if hasattr(value, "tolist") else value
+    if not isinstance(value, list | tuple | range):
         return (value,)
     parts = (_listed(item) if isinstance(item, str) else (item,) for item in value)
     return tuple(part for several in parts for part in several)
@@ -54,7 +55,7 @@ def stepper_names(value: object) -> tuple[str, ...]:
         named = str(item if isinstance(item, str | Path) else getattr(item, "name", item))
         if not isinstance(item, str | Path) and STEPPERS.get(named) is not item:
             raise ValueError("must be names, files or classes of steppers")
-        names.append(named)
+        names.append(STEPPERS.aliases.get(named, named))
     return tuple(dict.fromkeys(names))  # a stepper may be of a family that is named too
 
 
