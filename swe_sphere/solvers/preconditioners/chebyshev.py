@@ -1,12 +1,13 @@
 """Fourth-kind Chebyshev smoothing, which requires only a bound on the largest eigenvalue."""
 
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
-from swe_sphere.equations.spectrum import largest_modulus
+from swe_sphere.equations.spectrum import Product, largest_modulus
 from swe_sphere.operators.schur import SchurOperator
 from swe_sphere.settings.values import read_toml
 
@@ -29,7 +30,7 @@ def largest_eigenvalue(operator: SchurOperator, inverse: Array) -> float:
     """Return a bound on the spectrum of D^-1 S; `inverse` (N,) is 1/D, D the diagonal of S."""
     x, image = operator.field(), operator.field()
 
-    def product(values: Array) -> Array:
+    def product(values: NDArray[Any]) -> Array:
         operator.put(values, x)
         operator.apply(x, image)
         return inverse * operator.fetch(image)
@@ -37,7 +38,7 @@ def largest_eigenvalue(operator: SchurOperator, inverse: Array) -> float:
     return spectral_bound(product, inverse.size)
 
 
-def spectral_bound(product: Callable[[Array], Array], size: int) -> float:
+def spectral_bound(product: Product, size: int) -> float:
     """Return a bound, with 5 % reserve, on the spectrum of an operator (size, size)."""
     start = np.random.default_rng(0).standard_normal(size)
     return 1.05 * largest_modulus(product, start, 0.02)
