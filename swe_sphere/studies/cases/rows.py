@@ -98,8 +98,7 @@ class Row:
             return "failed", [f"{status}: {reason}"]
         if not stopped and expect == "refuse":
             return "failed", ["it should have been refused, but ran to its end"]
-        counted = (check for check in self.checks if check.always or not stopped)
-        reasons = [str(check) for check in counted if not check.holds]
+        reasons = [str(x) for x in self.checks if (x.always or not stopped) and not x.holds]
         if reasons or (stopped and expect == "pass"):
             return ("broke" if expect == "break" else "failed"), [*reasons, reason]
         return {"completed": "passed", "refused": "refused"}.get(status, "stopped"), [reason]
@@ -219,9 +218,11 @@ COLUMNS = {name: f"{name[:-2]}({name[-1]})" for name in NORMS} | {
 def page(folder: str, rows: Sequence[Row], command: str) -> str:
     """Return the Markdown page of rows of "verification" or "stability"; command: its origin."""
     sections, summary = [], []
+    # a rerun with a remedy counts only if it fails
+    own = [row for row in rows if "+" not in row.case.name or row.outcome == "failed"]
+    good = {row.case.name.partition("+")[0] for row in rows if row.passed}
     for family in families(folder).values():
-        mine = [row for row in rows if row.case.family == family.name]
-        if mine:
+        if mine := [row for row in rows if row.case.family == family.name]:
             # of stability cases, show those that did not pass, and the same cases with a remedy
             hard = {row.case.name for row in mine if folder == "verification" or not row.passed}
             shown = [row for row in mine if row.case.name.partition("+")[0] in hard]
@@ -231,15 +232,14 @@ def page(folder: str, rows: Sequence[Row], command: str) -> str:
             for row in mine:
                 if row.reason and row.outcome not in ("refused", "stopped"):
                     reasons.setdefault(f"{row.outcome}: {row.reason}", []).append(row.case.name)
-            cases = {row.case.name: row.case for row in mine}
-            sections.append((family, [*table], table.values, mine, cases, reasons))
-            numbers = [*count_outcomes(mine).values(), len(family.cases) - len(mine)]
+            sections.append((family, [*table], table.values, mine, reasons))
+            numbers = [*count_outcomes({*own} & {*mine}).values(), len(family.cases) - len(mine)]
             summary.append([family.title, *map(str, numbers)])
     return rendered(
         "swe_sphere.studies.cases", f"{folder}.md.j2", _label, _quantity, sections=sections,
-        command=command, counts=count_outcomes(rows), code=code_fingerprint(),
-        summary=(["group", *OUTCOMES, "not run"], summary), count=len(rows),
-        mass=max(map(_drift, rows), default=0.0), stepping=sum(row.seconds for row in rows),
+        command=command, counts=count_outcomes(own), code=code_fingerprint(), rows=rows, own=own,
+        summary=(["group", *OUTCOMES, "not run"], summary), mass=max(map(_drift, rows), default=0),
+        helped=sum(row.outcome == "stopped" and row.case.name in good for row in own),
         seconds=sum(row.quantities.get("seconds", 0.0) for row in rows), **versions(),
     )  # fmt: skip
 
