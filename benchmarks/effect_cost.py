@@ -88,10 +88,10 @@ def cases() -> Iterator[tuple[str, str, Scene, Scene | None]]:
         ),
     }
     for name, scene in added.items():
-        yield name, "no orography", scene, plain
+        yield name, "williamson5 without orography", scene, plain
     wind = get_scene("williamson1")
     assert isinstance(wind.effects[0], PrescribedWind)
-    yield "prescribed-wind (alone)", "no orography", wind, plain
+    yield "prescribed-wind (alone)", "williamson5 without orography", wind, plain
 
 
 class Measured:
