@@ -30,7 +30,12 @@ MEANT = 5e-5
 
 @dataclass(frozen=True)
 class RunPlan:
-    """Equal steps up to the end of a run; a few of another length may come first and last."""
+    """Equal steps up to the end of a run; a few of another length may come first and last.
+
+    number of steps   0 ... first ............. whole ....... steps
+    length of each      lead   |       dt         |    last
+    time [s]                 origin                          the end
+    """
 
     dt: float
     """Length of a step [s]."""
@@ -121,12 +126,12 @@ def time_plan(
     """
     if days == 0.0:
         return RunPlan(dt, 0, 1, dt)
-    length = _milliseconds(days * DAY)
+    length = _as_fraction(days * DAY)
     if dt > length * (1 + 1e-9):
         raise ConfigError(f"dt={dt:g} s is longer than the whole run of {float(length):g} s")
     if length / Fraction(dt) > MOST_STEPS:
         raise ConfigError(f"dt={dt:g} s means more than {MOST_STEPS:.0e} steps: take a larger dt")
-    interval, calls = _interval(length, every, dt), [*map(_milliseconds, also)]
+    interval, calls = _interval(length, every, dt), [*map(_as_fraction, also)]
 
     def fitted(common: Fraction) -> tuple[Fraction, int]:
         """Return the longest step near dt of which cycles fill `common`, and the steps in each."""
@@ -135,7 +140,7 @@ def time_plan(
         return whole / together, together
 
     step, together = fitted(reduce(common_measure, [interval, *calls], length))
-    if step < SHORTEST * Fraction(dt):
+    if step < SHORTEST * Fraction(dt):  # steps fit the times, but those at the end are shorter
         times = calls if every is None and calls else [interval, *calls]
         step, together = fitted(reduce(common_measure, times))
         shortest = SHORTEST * Fraction(dt)
@@ -179,7 +184,7 @@ def continued_plan(
     long = cycle * plan.dt
     for seconds in also:
         _check_whole("every of a callback or file", seconds, long, origin)
-    interval = _interval(_milliseconds(end), every, plan.dt)
+    interval = _interval(_as_fraction(end), every, plan.dt)
     if every is not None:
         _check_whole("every", float(interval), long, origin)
     frame_steps = cycle * max(1, round(interval / long))
@@ -224,11 +229,11 @@ def _interval(length: Fraction, every: float | Fraction | None, dt: float) -> Fr
     fraction = every if isinstance(every, Fraction) else Fraction(every).limit_denominator(60)
     if fraction > 0 and abs(fraction - Fraction(every)) < MEANT:
         return min(length, 3600 * fraction)
-    return min(length, _milliseconds(every * HOUR))
+    return min(length, _as_fraction(every * HOUR))
 
 
-def _milliseconds(seconds: float) -> Fraction:
-    """Return a time as a fraction of seconds with a denominator of at most a thousand."""
+def _as_fraction(seconds: float) -> Fraction:
+    """Return the nearest fraction of seconds with a denominator of at most a thousand."""
     fraction = Fraction(seconds).limit_denominator(1000)
     if fraction <= 0:
         raise ConfigError(

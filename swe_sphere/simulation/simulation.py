@@ -225,7 +225,11 @@ class Simulation(NotCopyable):
 
     @exclusive
     def reset(self) -> None:
-        """Return to the initial state, or to the state of the checkpoint that was resumed."""
+        """Return to the initial state, or to the state of the checkpoint that was resumed.
+
+        A run whose steps change length uses several steppers, one after the other: `_lengths` lists
+        their steps, and counters are `_spent` plus those of the model since `_counted`.
+        """
         restart, self.config = self._restart, self._configured
         self._continues = self.config.restart  # the file of frames that a run may continue
         self.run_id = "" if restart is None else str(restart.attributes.get("run_id", ""))

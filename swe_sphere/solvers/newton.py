@@ -162,28 +162,29 @@ class NewtonKrylov:
             problem.residual(self._trial, self._trial_residual)
             return self.space.norm(self._trial_residual)
 
-        eta, d, tiny = linear.residual / norm, self._direction, False
-        if eta < 0.5:
+        reached, d, tiny = linear.residual / norm, self._direction, False
+        if reached < 0.5:
             correction, size = np.sqrt(self.space.dots((d, d), (x, x)))
             tiny = bool(correction <= ROUNDOFFS * self.space.epsilon * size)
-        search = Search(1.0, trial(1.0), True, 1) if tiny else backtrack(trial, norm, eta)
+        search = Search(1.0, trial(1.0), True, 1) if tiny else backtrack(trial, norm, reached)
         if not tiny:
-            self._learn(p, search, eta)
-        self._accept(p, x, search, eta, tiny)
+            self._learn(p, search, reached)
+        self._accept(p, x, search, reached, tiny)
 
-    def _learn(self, p: NewtonResult, search: "Search", eta: float) -> None:
+    def _learn(self, p: NewtonResult, search: "Search", reached: float) -> None:
         """Estimate the nonlinearity from a step, as if the parts of its residual were orthogonal.
 
         Later steps of a solve contribute only if their residual exceeds that of the linear system.
+        reached: relative residual of the linear solve.
         """
         norm, length = p.residual, search.length
-        expected = (1.0 - length * (1.0 - eta)) * norm
+        expected = (1.0 - length * (1.0 - reached)) * norm
         missed = math.sqrt(max(search.norm**2 - expected**2, 0.0))
         if math.isfinite(missed) and (p.newton_iterations == 1 or missed > expected):
             self.nonlinearity = missed / (length * norm) ** 2
 
     def _accept(
-        self, p: NewtonResult, x: wp.array, search: "Search", eta: float, tiny: bool
+        self, p: NewtonResult, x: wp.array, search: "Search", reached: float, tiny: bool
     ) -> None:
         """Move to the point found if it is better, and end the solve there if it is the last."""
         norm = p.residual
@@ -197,7 +198,7 @@ class NewtonKrylov:
             if search.norm <= max(p.target, p.floor):
                 p.end(Status.CONVERGED, "converged")
                 return
-        if tiny and search.norm > 0.5 * (1.0 + eta) * norm:
+        if tiny and search.norm > 0.5 * (1.0 + reached) * norm:
             p.end(Status.CONVERGED, "converged to round-off, not to the tolerance", True)
         elif not search.success:
             p.end(Status.STAGNATED, f"no decrease after {search.trials} trial steps")

@@ -26,7 +26,7 @@ STOPPED = ("refused", "unstable", "solver-failed")
 """Outcomes of runs that stop themselves with a reason."""
 ENDS = ("completed", *STOPPED, "timed-out", "failed")
 """All outcomes of a run."""
-BREAKDOWNS = (ArithmeticError, LookupError, MemoryError, RuntimeError, TypeError, ValueError)
+UNEXPECTED = (ArithmeticError, LookupError, MemoryError, RuntimeError, TypeError, ValueError)
 """Unexpected errors: a run that ends with one of them has failed."""
 
 
@@ -37,7 +37,7 @@ def attempt(work: Callable[[], Summary]) -> Summary:
             return work()
     except SweError as error:
         return Summary(error.status, in_one_line(error))
-    except BREAKDOWNS as error:
+    except UNEXPECTED as error:
         return Summary("failed", f"{type(error).__name__}: {in_one_line(error)}")
 
 

@@ -278,8 +278,8 @@ STUDIES = tested(
         "a stopped run passes all bounds",
         ROWS,
         _VERDICT,
-        "if check.always or not stopped)",
-        "if not stopped)",
+        "if (x.always or not stopped) and not x.holds",
+        "if not stopped and not x.holds",
     ),
     (
         "orders per doubling of np, not of np - 1",
@@ -373,7 +373,7 @@ STUDIES = tested(
         "the key of a run does not depend on its references",
         "swe_sphere/studies/sweep/runs.py",
         ("test_sweep_stores.py::test_runs_of_a_scene_whose_base_has_changed_are_made_again",),
-        "study.references(self.role), of.sources",
+        "study.error_identity(self.role), of.sources",
         "of.sources",
     ),
     (

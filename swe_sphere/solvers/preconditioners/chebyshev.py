@@ -26,7 +26,7 @@ def chebyshev_coefficients(degree: int, largest: float) -> list[tuple[float, flo
     ]
 
 
-def largest_eigenvalue(operator: SchurOperator, inverse: Array) -> float:
+def schur_bound(operator: SchurOperator, inverse: Array) -> float:
     """Return a bound on the spectrum of D^-1 S; `inverse` (N,) is 1/D, D the diagonal of S."""
     x, image = operator.field(), operator.field()
 

@@ -8,7 +8,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.operators.device_mesh import Field
 from swe_sphere.operators.schur import Rate, SchurMatrix, SchurOperator, Step
-from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, largest_eigenvalue
+from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, schur_bound
 from swe_sphere.solvers.preconditioners.coarse import CoarseCorrection
 
 LONG = 10.0
@@ -54,7 +54,7 @@ class Multilevel:
         diagonal = self.matrix.diagonal(tau, depth)
         courant = float(np.sqrt(diagonal.max()))
         degree, is_long = DEGREES.get(self.operator.mesh.mesh.np, 4), courant > LONG
-        largest = largest_eigenvalue(self.operator, 1.0 / diagonal)
+        largest = schur_bound(self.operator, 1.0 / diagonal)
         self._steps = self._between = chebyshev_coefficients(degree + is_long, largest)
         cycles = 1 + int(courant / COURANT_A_CYCLE)
         if is_long and not self._symmetric:

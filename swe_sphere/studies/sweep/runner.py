@@ -35,7 +35,7 @@ from swe_sphere.simulation.loop import Interruption
 from swe_sphere.simulation.observers import Observer, Ticker
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.summary import Summary
-from swe_sphere.studies.record_store import BREAKDOWNS, Store, as_netcdf, stepped
+from swe_sphere.studies.record_store import UNEXPECTED, Store, as_netcdf, stepped
 from swe_sphere.studies.sweep.record import COUNTS, Errors, RunRecord, current
 from swe_sphere.studies.sweep.runs import Discretisation, History, Integrator, RunSpec, Study
 
@@ -169,7 +169,7 @@ def warm_up(spec: RunSpec) -> float:
 
     Errors here recur in the run, which reports them.
     """
-    with suppress(SweError, *BREAKDOWNS), np.errstate(all="ignore"):
+    with suppress(SweError, *UNEXPECTED), np.errstate(all="ignore"):
         sim = _begun(spec)
         for _ in range(WARM_STEPS):
             sim.step()

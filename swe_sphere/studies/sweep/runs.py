@@ -1,4 +1,10 @@
-"""The runs of a sweep: a scene on its meshes, steppers on these, steps; settings and keys."""
+"""The runs of a sweep: a scene on its meshes, steppers on these, steps; settings and keys.
+
+A `SweepPlan` (the request) becomes a `Study`. This has a `Discretisation` for each mesh and
+precision, an `Integrator` for each stepper on it, and a `RunSpec` for each step of the integrator.
+`Sweep` (engine.py) decides which of these runs are needed; `Runner` (runner.py) performs them and
+stores a `RunRecord` (record.py) of each; `Evaluator` computes their errors.
+"""
 
 from __future__ import annotations
 
@@ -235,7 +241,7 @@ class Study:
         times = [Fraction(day * DAY).limit_denominator(1000) for day in self.report_days]
         self._every = reduce(common_measure, times)
         self.interval = float(self._every)
-        """The longest time [s] of which all report times are multiples, to the millisecond."""
+        """The longest time [s] of which all report times are multiples."""
         self.slow = scene.sheds_waves if plan.slow is None else plan.slow
         """True if errors of the slow flow are computed."""
 
@@ -281,8 +287,8 @@ class Study:
         cycle = 1 if asked == "auto" else asked
         return time_plan(self.days, self._every / 3600, dt, cycle=cycle, automatic=automatic)
 
-    def references(self, role: Role) -> tuple[str, ...]:
-        """Return the names of the references of a run's errors: part of its identity."""
+    def error_identity(self, role: Role) -> tuple[str, ...]:
+        """Return what determines the errors of a run, in words: part of its identity."""
         if role == "stability":
             return (f"noise, {TRIAL_STEPS} steps, {TRIAL_DAYS} days",)
         files = {day: file_fingerprint(path) for day, path in self.files.items()}
@@ -450,7 +456,7 @@ class RunSpec:
         of, study = self.integrator, self.integrator.study
         return fingerprint([
             of.space.identity, of.config.stepper, of.options, repr(self.dt), study.days,
-            self.report_days, study.references(self.role), of.sources,
+            self.report_days, study.error_identity(self.role), of.sources,
         ])  # fmt: skip
 
     @property
