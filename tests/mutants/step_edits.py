@@ -129,11 +129,11 @@ VARIABLE_STEP = tested(
 METADATA = tested(
     "metadata",
     (
-        "time of checkpoints one step early",
+        "steps of checkpoints one too few",
         "swe_sphere/simulation/observers.py",
         _CHECKPOINT,
-        "snapshot.time, steps, stepper",
-        "snapshot.time - self.plan.dt, steps, stepper",
+        "checkpoint(arrays, steps)",
+        "checkpoint(arrays, steps - 1)",
     ),
     (
         "one run_id for all runs",
