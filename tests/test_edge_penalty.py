@@ -347,3 +347,8 @@ def test_a_part_of_a_long_step_holds_the_rate_of_that_part():
     for held in (of_whole, of_part):
         held.find(state, slope, 0.0, part)
     assert np.array_equal(of_whole.rate.numpy(), of_part.rate.numpy())
+
+
+def test_a_penalty_too_weak_for_any_change_is_no_obstacle():
+    sim = Simulation("lake-at-rest", ne=2, np=4, dt=600.0, effects={"edge-penalty.speed": 1e-200})
+    assert sim.run(days=0.05).completed

@@ -23,7 +23,7 @@ from swe_sphere.equations.effects import (
     Viscosity,
 )
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.scene import PARAMETERS, apply_settings
+from swe_sphere.equations.scene import apply_settings
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.restart import run_sources
@@ -264,6 +264,71 @@ def test_its_parameters_are_set_as_those_of_others(path: Path) -> None:
             apply_settings(scene, [setting])
 
 
+@pytest.mark.parametrize("name", ["weight", "point"])
+def test_its_name_may_be_that_of_a_value_in_kernels(tmp_path: Path, name: str) -> None:
+    files = tmp_path / "named.py", tmp_path / "friction.py"
+    for file, word in zip(files, (name, "friction"), strict=True):
+        file.write_text(FILE.replace('name = "friction"', f'name = "{word}"'))
+    named, plain = (Simulation(file, ne=2, np=4, dt=600.0) for file in files)
+    for sim in (named, plain):
+        sim.step()
+    assert np.array_equal(named.state.u, plain.state.u)
+
+
+def test_a_function_stays_as_long_as_an_effect_needs_it() -> None:
+    @dataclass(frozen=True)
+    class Sink(PointwiseEffect):
+        name, needs = "sink", "bottom"
+        rate: float = 1e-9
+
+        @staticmethod
+        def depth_tendency(c, i, u, v, h):
+            return -c.rate * c.bottom[i]
+
+    both = get_scene("williamson5").with_effect(Sink())
+    rest = both.without_effect("orography")
+    assert rest.bottom is not None and rest.effect("orography") is None
+    assert rest.without_effect("sink").bottom is None
+    assert both.without_effect("sink").bottom is not None
+
+
+@pytest.mark.parametrize(
+    ("returned", "said"), [(None, "coefficients of sink"), ({"rate": np.array(np.nan)}, "finite")]
+)
+def test_wrong_coefficients_are_told_in_a_line(returned, said) -> None:
+    @dataclass(frozen=True)
+    class Sink(PointwiseEffect):
+        name = "sink"
+
+        def coefficients(self, mesh):
+            return returned
+
+        @staticmethod
+        def depth_tendency(c, i, u, v, h):
+            return -c.rate * h
+
+    with pytest.raises(ConfigError, match=said):
+        Model(MESH, get_scene("williamson5").with_effect(Sink()))
+
+
+def test_a_coefficient_may_be_an_array_without_dimensions() -> None:
+    @dataclass(frozen=True)
+    class Sink(PointwiseEffect):
+        name = "sink"
+
+        def coefficients(self, mesh):
+            return {"rate": np.array(1e-6)}
+
+        @staticmethod
+        def depth_tendency(c, i, u, v, h):
+            return -c.rate * h
+
+    sim = Simulation(get_scene("lake-at-rest").with_effect(Sink()), ne=2, np=4, dt=600.0)
+    before = sim.state.h.values
+    sim.step()
+    np.testing.assert_allclose(sim.state.h, before * np.exp(-6e-4), rtol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -274,7 +339,7 @@ def test_its_parameters_are_set_as_those_of_others(path: Path) -> None:
         ('name = "friction"', 'name = "Big Friction"', "small letters"),
         *(
             ('name = "friction"', f'name = "{name}"', "the model uses this name for something else")
-            for name in (*PARAMETERS, "scene", "stepper")
+            for name in ("scene", "stepper")
         ),
         ("linear: float = 1e-5", "linear: float = math.nan", "friction: linear must be finite"),
         ("conserves = MASSES", "conserves: float = 1.0", "the name of the attribute 'conserves'"),
@@ -285,6 +350,11 @@ def test_its_parameters_are_set_as_those_of_others(path: Path) -> None:
             "needs 'heating', which",
         ),
         ("wind_tendency", "tendency", "neither a wind_tendency nor a depth_tendency"),
+        (
+            "dissipation = True",
+            "dissipation = True; depth_tendency = 5",
+            "friction': a formula must be a plain Python function, got 5",
+        ),
         ('base: str = "williamson5"', 'base: str = "williamson1"', "wind, which is prescribed"),
     ],
 )

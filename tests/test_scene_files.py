@@ -32,6 +32,22 @@ def factory(
     """Only its annotations are used."""
 
 
+def unions(
+    half: Literal["North", "South"] = "North",
+    alpha: None | float = None,  # noqa: RUF036
+    count: int | float | None = None,
+) -> None:
+    """Only its annotations are used."""
+
+
+def test_annotations_may_be_unions_and_words_in_capitals() -> None:
+    read = checked("it", unions, {"half": "south", "alpha": "0.3", "count": "0.5"})
+    assert read == {"half": "South", "alpha": 0.3, "count": 0.5}
+    assert checked("it", unions, {"count": "default"}) == {"count": None}
+    with fails("must be one of North, South, got 'East'"):
+        checked("it", unions, {"half": "East"})
+
+
 def test_parameters_take_the_types_of_their_annotations() -> None:
     texts = {"case": "3", "wave": " West", "file": " a/b.nc", "word": "x ", "speed": "2", "on": "1"}
     expected = {

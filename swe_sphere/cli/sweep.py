@@ -87,7 +87,8 @@ def advise(**values: Any) -> None:
         advice = advice_on(question, terminal)
     shorter = (
         f"of {advice.of_days:g} days, with {advice.ranking.targets[0]:.2g} in the place of"
-        f" {question.error:g}: errors are taken to grow in proportion to the days."
+        f" {question.error:g}, as if errors grew in proportion to the days. In unstable flows they"
+        " grow much faster: give a larger budget there."
     )
     rest = "days." if advice.days == advice.of_days else shorter
     typer.echo(f"Measured over {advice.days:g} {rest}")

@@ -127,22 +127,28 @@ def _parameters(scene: Scene, on: DeviceMesh) -> dict[str, Any]:
         parameters["forcing"] = on.upload(np.zeros((1 if scene.wind else 3) * size))
     if scene.base:
         parameters["base"] = on.scatter(np.concatenate(scene.base(mesh.lon, mesh.lat)))
+    parameters["effects"] = own = {}
     for effect in scene.effects:
         mine = _coefficients(scene, effect, on)
-        parameters |= {effect.name: mine} if isinstance(effect, PointwiseEffect) else mine
+        if isinstance(effect, PointwiseEffect):
+            own[effect.name] = mine
+        else:
+            parameters |= mine
     return parameters
 
 
 def _coefficients(scene: Scene, effect: Effect, on: DeviceMesh) -> dict[str, Any]:
     """Return the coefficients that the terms of an effect read, with fields on the device."""
     mesh, label = on.mesh, f"{scene.name}: coefficients of {effect.name}"
-    found = dict(guarded(label, effect.coefficients, mesh))
+    found = guarded(label, lambda: dict(effect.coefficients(mesh)))
     if isinstance(effect, PointwiseEffect) and effect.needs is not None:
         found[effect.needs] = getattr(scene, effect.needs)(mesh.lon, mesh.lat)
     for name, value in found.items():
         if np.ndim(value):
             found[name] = on.scatter(fitted(f"{label}: {name}", value, mesh.lon, mesh.lat))
-        elif not is_finite(value):
+        elif is_finite(number := value[()] if isinstance(value, np.ndarray) else value):
+            found[name] = number
+        else:
             raise ConfigError(f"{label}: {name} must be finite, got {shown(value)}")
     return found
 

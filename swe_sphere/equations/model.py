@@ -229,14 +229,16 @@ class Model(DiscreteScene):
     @cached_property
     def diffusion_radius(self) -> float:
         """Largest damping rate of viscosity and hyperviscosity [s-1], the same for all states."""
-        diffusion = self.right_hand_side("diffusive", fluid_only=True).at_start
-        return spectral_radius(self, self.initial_state(), diffusion, "diffusive")
+        return self._radius("diffusive", self.initial_state())
 
     @cached_property
     def penalty_radius(self) -> float:
         """Largest damping rate of the edge penalty [s-1], the same for all states."""
-        penalty = self.right_hand_side("penalising", fluid_only=True).at_start
-        return spectral_radius(self, self.initial_state(), penalty, "penalising")
+        return self._radius("penalising", self.initial_state())
+
+    def _radius(self, component: str, state: wp.array) -> float:
+        operator = self.right_hand_side(component, fluid_only=True).at_start
+        return spectral_radius(self, state, operator, component)
 
     def penalise(self, x: wp.array, tau: float, out: wp.array, start: wp.array) -> None:
         """Set the wind of `out` to that of `start` plus tau [s] times the edge penalty at x."""
@@ -264,10 +266,7 @@ class Model(DiscreteScene):
 
     def dissipation_radius(self, state: wp.array) -> float:
         """Return the largest damping rate of all dissipation at a state [s-1]."""
-        if not self.dissipative:
-            return 0.0
-        operator = self.right_hand_side("dissipative", fluid_only=True).at_start
-        return spectral_radius(self, state, operator, "dissipative")
+        return self._radius("dissipative", state) if self.dissipative else 0.0
 
     def point_of_tangent(self, state: wp.array) -> wp.array:
         """Return the state at which the Jacobian is taken: the base in linearised dynamics."""

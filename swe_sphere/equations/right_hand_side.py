@@ -160,7 +160,7 @@ def pointwise_terms(scene: Scene, component: str, parameters: Mapping[str, Any])
     return Pointwise(
         rotation="rotation" in flags and "wind" not in flags,
         forcing="forcing" in flags,
-        terms=tuple(_point_term(e, parameters[e.name], tangent) for e in effects),
+        terms=tuple(_point_term(e, parameters["effects"][e.name], tangent) for e in effects),
         tangent=tangent,
     )
 

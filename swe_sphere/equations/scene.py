@@ -7,6 +7,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
+from inspect import isfunction
 from itertools import chain
 from numbers import Integral, Real
 from typing import Any, Self, get_type_hints
@@ -55,8 +56,6 @@ KINDS: Mapping[str, type] = {
 
 FIELDS = ("bottom", "coriolis", "equilibrium")
 """Functions of a scene that a `PointwiseEffect` may read."""
-PARAMETERS = (*FIELDS, "base", "gravity", "laplacian", "nu", "nu4", "point", "wind")
-"""Names of values in kernels, which no `PointwiseEffect` may have; `forcing` is an effect."""
 
 
 @dataclass(frozen=True)
@@ -168,8 +167,7 @@ class Scene:
             return replace(self, effects=(*self.effects, effect))  # raises a ConfigError
         kept = tuple(e for e in self.effects if e.name != effect.name)
         if effect.absent:
-            unneeded: dict[str, Any] = {effect.needs: None} if effect.needs else {}
-            return replace(self, effects=kept, **unneeded)
+            return self._with_only(kept, effect)
         changes: dict[str, Any] = {"effects": (*kept, effect)}
         if len(kept) < len(self.effects):
             changes["effects"] = tuple(effect if e.name == effect.name else e for e in self.effects)
@@ -188,14 +186,19 @@ class Scene:
         effect = self.effect(name)
         if effect is None:
             raise self.lacks(name)
-        changes: dict[str, Any] = {"effects": tuple(e for e in self.effects if e.name != name)}
-        if effect.needs:
-            changes |= {effect.needs: None}
+        changes: dict[str, Any] = {}
         if name == "tracers":
-            changes |= {"exact_tracers": None}
+            changes = {"exact_tracers": None}
         elif not effect.dissipation:
-            changes |= {"exact": None}
-        return replace(self, **changes)
+            changes = {"exact": None}
+        kept = tuple(e for e in self.effects if e.name != name)
+        return self._with_only(kept, effect, **changes)
+
+    def _with_only(self, kept: tuple[Effect, ...], removed: Effect, **changes: Any) -> Self:
+        """Return the scene with these effects, without the function that only `removed` needs."""
+        if removed.needs and all(effect.needs != removed.needs for effect in kept):
+            changes |= {removed.needs: None}
+        return replace(self, effects=kept, **changes)
 
     def lacks(self, name: str) -> ConfigError:
         """Return the error for an effect that the scene does not have."""
@@ -297,7 +300,7 @@ def _wrong_formulas(scene: Scene, effect: PointwiseEffect) -> Iterator[str]:
         yield f"{label} has the name of an effect of the package: choose another"
     if not re.fullmatch(r"[a-z][a-z0-9-]*", effect.name):
         yield f"{label}: a name must consist of small letters, digits and -"
-    if effect.name in (SCENE, STEPPER, *PARAMETERS):
+    if effect.name in (SCENE, STEPPER):
         yield f"{label}: the model uses this name for something else: choose another"
     for name in effect.parameters():
         if hasattr(PointwiseEffect, name):
@@ -306,6 +309,9 @@ def _wrong_formulas(scene: Scene, effect: PointwiseEffect) -> Iterator[str]:
         yield f"{label} needs {shown(effect.needs)}, which is not one of {', '.join(FIELDS)}"
     if effect.needs is not None and getattr(scene, effect.needs) is None:
         yield f"{label} needs the function {effect.needs!r}"
+    for formula in (*effect.tendencies, *effect.derivatives):
+        if not (formula is None or isfunction(formula)):
+            yield f"{label}: a formula must be a plain Python function, got {shown(formula)}"
     wind, depth = effect.tendencies
     if wind is None and depth is None:
         yield f"{label} has neither a wind_tendency nor a depth_tendency"

@@ -168,18 +168,20 @@ def check_settings(
     ne: int, np: int, radius: float, stretch: float, centre: tuple[float, float], spin: float
 ) -> tuple[int, int, Placement]:
     """Return ne, np and the placement of a mesh; raise ConfigError as `Mesh.build` does."""
+    given = f"ne={ne!r}, np={np!r}, {radius=}, {stretch=}, {centre=}, {spin=}"
     try:
         ne, np = operator.index(ne), operator.index(np)
-    except TypeError:
-        raise ConfigError(f"ne and np must be whole numbers, not ne={ne!r}, np={np!r}") from None
-    lon, lat = map(float, centre)
+        lon, lat = map(float, centre)
+        radius, stretch, spin = map(float, (radius, stretch, spin))
+    except (TypeError, ValueError):
+        raise ConfigError(f"ne and np must be whole numbers, others numbers: {given}") from None
     if ne < 1:
         raise ConfigError(f"ne={ne}: a cube edge must have at least one element")
     if not 3 <= np <= 16:
         raise ConfigError(f"np={np}: the number of nodes along an element edge must be 3 to 16")
     if 6 * (ne * np) ** 2 >= 2**31:
         raise ConfigError(f"ne={ne} with np={np} is too large a mesh: take a smaller ne")
-    if not (math.isfinite(radius) and radius > 0.0):
+    if not (radius > 0.0 and 0.0 < radius * radius < math.inf):
         raise ConfigError(f"radius={radius}: the radius must be a positive length in metres")
     if not 1.0 <= stretch <= LARGEST_STRETCH:
         raise ConfigError(f"stretch={stretch}: the factor must be 1 to {LARGEST_STRETCH:g}")
@@ -189,7 +191,7 @@ def check_settings(
         )
     if not math.isfinite(spin):
         raise ConfigError(f"spin={spin}: the rotation of the cube must be a finite angle")
-    return ne, np, Placement((lon, lat), float(spin), float(stretch))
+    return ne, np, Placement((lon, lat), spin, stretch)
 
 
 def _assemble(ne: int, np_: int, radius: float, placement: Placement) -> Mesh:

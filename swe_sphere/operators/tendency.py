@@ -84,11 +84,11 @@ def pointwise_operator(
 def fill(structure: Any, parameters: Mapping[str, Any], point: Pointwise) -> Any:
     """Return an instance of the structure, each member set to the parameter of its name.
 
-    The parameter with the name of a term holds the term's coefficients.
+    The parameter "effects" holds the coefficients of each term, by its name.
     """
     terms: dict[str, Any] = {}
     for term in reversed(point.terms):
-        terms = {"mine": parameters[term.name], "others": terms}
+        terms = {"mine": parameters["effects"][term.name], "others": terms}
     return filled(structure, {**parameters, "terms": terms})
 
 

@@ -1,6 +1,7 @@
 """Flux-form transport of tracers on the device, their mixing ratios, limiter and long steps."""
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,14 +25,11 @@ class TracerTransport:
     def __init__(self, mesh: DeviceMesh, launch: Launcher, count: int) -> None:
         self.mesh, self.count, self._launch = mesh, count, launch
         types = mesh.types()
-        self._kernel, self._tangent = (
-            field_kernel(types, transport(tangent)) for tangent in (False, True)
-        )
+        self._kernel = field_kernel(types, transport(False))
         self._assemble = in_runs(launch, assemble_blocks, mesh.real, mesh.lanes, *mesh.spans())
         self._geometry = mesh.geometry(types.geometry)
         self._local, self._places = mesh.scratch(count, types.value), mesh.places(count)
         launch.load(self._kernel)
-        self._has_tangent = False
 
     def __call__(
         self, wind: wp.array, x: wp.array, first: int, out: wp.array, to: int, stage: Any = None,
@@ -50,10 +48,13 @@ class TracerTransport:
 
     def tangent(self, base: wp.array, x: wp.array, first: int, out: wp.array) -> None:
         """Set out[first:] = -div(m' V + m V') for (V, m) of the state `base` and (V', m') of x."""
-        if not self._has_tangent:  # explicit steppers never compile it
-            self._launch.load(self._tangent)
-            self._has_tangent = True
         self(base, x, first, out, first, kernel=self._tangent)
+
+    @cached_property
+    def _tangent(self) -> Any:  # explicit steppers never compile it
+        kernel = field_kernel(self.mesh.types(), transport(True))
+        self._launch.load(kernel)
+        return kernel
 
 
 class MixingRatio:

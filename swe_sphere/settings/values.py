@@ -3,8 +3,10 @@
 Settings read "owner.parameter=value"; the owner is an effect, the scene or the stepper.
 """
 
+import operator
 import tomllib
 from collections.abc import Iterable, Mapping
+from functools import reduce
 from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin
@@ -115,13 +117,14 @@ def convert(label: str, kind: Any, value: object, finite: bool = True) -> Any:
     if NoneType in get_args(kind):
         if given is None or str(given).lower() == _DEFAULT:
             return None
-        kind, other = get_args(kind)[0], f" or {_DEFAULT!r}"
+        kind = reduce(operator.or_, (each for each in get_args(kind) if each is not NoneType))
+        other = f" or {_DEFAULT!r}"
     expected = f"must be {_NOUNS.get(kind)}"
     if get_origin(kind) is Literal:
-        words = {str(word): word for word in get_args(kind)}
+        words = {str(word).lower(): word for word in get_args(kind)}
         if (word := str(given).lower()) in words:
             return words[word]
-        expected = f"must be one of {', '.join(words)}"
+        expected = f"must be one of {', '.join(map(str, get_args(kind)))}"
     elif not (isinstance(given, bool) and kind in (float, int)):
         config = ConfigDict(allow_inf_nan=not finite, coerce_numbers_to_str=True)
         try:

@@ -129,7 +129,7 @@ class SplitPenalty:
         self._chains = chains or 1
         reach, whole = {None: (MIDPOINT, MIDPOINT), 1: (0.7, 1.0), 2: (0.5, 1.0)}[chains]
         radius, rotation = model.penalty_radius, abs(model.scene.planet.rotation)
-        longest = min(reach / radius, 0.75 / rotation if rotation else math.inf)
+        longest = min(a / b if b else math.inf for a, b in ((reach, radius), (0.75, rotation)))
         self.every = max(2, 2 * int(min(longest / (2.0 * dt), LONGEST_CYCLE // 2)))
         self._parts = penalty_parts(self.every * dt * radius / whole, dt)
         self._tau = self.every * dt / self._parts
