@@ -7,7 +7,7 @@ import pytest
 
 from swe_sphere.analysis.accessor import open_run
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.io.reference_solution import shipped_reference
+from swe_sphere.io.reference_solution import SHIPPED
 from swe_sphere.logs import print_lines
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import make_config
@@ -108,7 +108,7 @@ def test_what_a_run_was_asked_for_is_not_asked_of_the_next():
 
 
 def test_a_reference_is_of_the_end_of_the_run():
-    day15, day5 = (shipped_reference("williamson5", day) for day in (15, 5))
+    day15, day5 = (SHIPPED / f"williamson5_day{day}.nc" for day in (15, 5))
     with pytest.raises(ConfigError, match=r"is of day 15, the run ends at day 0.25"):
         small("williamson5", reference=day15).run(days=0.25)
     early = small("williamson5", reference=day5, dt=3600.0, stepper="semi-implicit")

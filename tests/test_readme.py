@@ -15,7 +15,8 @@ import xarray as xr
 
 from swe_sphere.cli.main import main
 from swe_sphere.mesh.partition import check_ranks
-from swe_sphere.simulation.config import load_config, make_config
+from swe_sphere.settings.values import by_field, read_toml
+from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.simulation import run_scene
 
 ROOT = Path(__file__).parents[1]
@@ -54,7 +55,7 @@ def test_the_first_lines_of_python_run(capsys):
 def test_the_configuration_file_is_valid(tmp_path):
     block = COMMAND_PAGE.split("for `--config run.toml`:\n")[1].split("## Mesh")[0]
     (tmp_path / "run.toml").write_text(textwrap.dedent(block))
-    config = make_config(load_config(tmp_path / "run.toml"))
+    config = make_config(by_field(read_toml(tmp_path / "run.toml")))
     assert (config.ne, config.settings) == (16, (("hyperviscosity", "nu", "default"),))
     assert [(one.path.name, one.every, one.grid) for one in config.outputs] == [
         ("wind.nc", 3.0, "latlon:91x180")

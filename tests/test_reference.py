@@ -19,7 +19,6 @@ from swe_sphere.io.reference_solution import (
     compare,
     latitude_weights,
     reference_field,
-    shipped_reference,
 )
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
@@ -275,20 +274,21 @@ def test_a_grid_that_goes_westward(tmp_path):
 
 def test_williamson5_references_differ_in_time():
     """The reduced files give the norms of the full ones (l2 1.46991e-2, linf 6.7463e-2)."""
-    early, late = (Reference(shipped_reference("williamson5", day)) for day in (5, 15))
+    early, late = (Reference(SHIPPED / f"williamson5_day{day}.nc") for day in (5, 15))
     found = norms(early.area, early.values("surface"), late.values("surface"))
     assert found["l2"] == pytest.approx(1.46991e-2, rel=1e-3)
     assert found["linf"] == pytest.approx(6.7463e-2, rel=1e-3)
 
 
 def test_only_what_is_shipped_is_found():
-    assert shipped_reference("williamson5", 15.0) == SHIPPED / "williamson5_day15.nc"
-    assert shipped_reference("williamson5", 3.0) is None
+    scene = get_scene("williamson5")
+    assert shipped_solution(scene, 15.0) == SHIPPED / "williamson5_day15.nc"
+    assert shipped_solution(scene, 3.0) is None
 
 
 def test_a_reference_of_another_time_is_not_compared(tmp_path) -> None:
     """It is of one time, which its title tells."""
-    reference = Reference(shipped_reference("williamson5", 15.0))
+    reference = Reference(SHIPPED / "williamson5_day15.nc")
     assert reference.nearest(None) == reference.nearest(15 * DAY) == 15 * DAY
     with pytest.raises(ConfigError, match="no frame at day 5: the last ones are at day 15"):
         reference.nearest(5 * DAY)

@@ -18,7 +18,8 @@ from swe_sphere.io.checkpoint import checkpoint_path, read_checkpoint
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.ranks.communicator import Communicator
-from swe_sphere.simulation.config import load_config, make_config
+from swe_sphere.settings.values import by_field, read_toml
+from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.observers import HealthCheck, Observer
 from swe_sphere.simulation.planning import RunPlan, automatic_step, continued_plan, time_plan
 from swe_sphere.simulation.simulation import Simulation, run_scene
@@ -162,7 +163,7 @@ def test_a_file_says_all_that_flags_can(tmp_path):
         'scene = "galewsky"\ndt = "auto"\ncentre-lon = 30.0\njson = true\n'
         "[set.viscosity]\nnu = 1e5\n[set.scene]\nperturbed = false\n"
     )
-    config = make_config(load_config(file))
+    config = make_config(by_field(read_toml(file)))
     assert config.settings == (("viscosity", "nu", 1e5), ("scene", "perturbed", False))
     assert (config.centre_lon, config.as_json, config.dt) == (30.0, True, "auto")
 

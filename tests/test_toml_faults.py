@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.simulation.config import load_config, make_config
+from swe_sphere.settings.values import by_field, read_toml
+from swe_sphere.simulation.config import make_config
 from swe_sphere.studies.sweep.sweep_plan import load_recipe
 from swe_sphere.testcases import get_scene
 
@@ -43,7 +44,7 @@ SCENE = ("dt", "days", "ne", "np")
 
 
 def read_run(path: Path) -> None:
-    make_config(load_config(path))
+    make_config(by_field(read_toml(path)))
 
 
 def read_scene(path: Path) -> None:

@@ -33,15 +33,6 @@ SHIPPED = Path(__file__).parents[1] / "data"
 """Folder of the reference solutions in the package; attributes of each file describe it."""
 
 
-def shipped_reference(scene: str, days: float) -> Path | None:
-    """Return the package's file with the solution of a scene at that day [days], if any.
-
-    The scene "galewsky_viscous" is galewsky with the viscosity of 1e5 m2 s-1.
-    """
-    path = SHIPPED / f"{scene}_day{days:g}.nc"
-    return path if path.exists() else None
-
-
 def latitude_weights(lat: Array, bounds: Array | None = None) -> Array:
     """Return the share (M,) of the sphere's area of each latitude circle lat (M,) [rad].
 

@@ -21,11 +21,9 @@ from swe_sphere.settings.values import (
     SCENE,
     STEPPER,
     Setting,
-    by_field,
     by_owner,
     names_in,
     read_settings,
-    read_toml,
     validated,
 )
 
@@ -280,8 +278,3 @@ class Keywords(TypedDict, total=False):
 def make_config(values: Mapping[str, object]) -> RunConfig:
     """Return the configuration of these values; raises the errors of `validated`."""
     return validated(RunConfig, values)
-
-
-def load_config(path: Path) -> dict[str, object]:
-    """Return values by field from a TOML file with names of flags; errors as in `read_toml`."""
-    return by_field(read_toml(path))

@@ -35,6 +35,7 @@ from swe_sphere.simulation.loop import Interruption
 from swe_sphere.simulation.observers import Observer, Ticker
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.summary import Summary
+from swe_sphere.steppers.stage_solver import energy_weights
 from swe_sphere.studies.record_store import UNEXPECTED, Store, as_netcdf, stepped
 from swe_sphere.studies.sweep.record import COUNTS, Errors, RunRecord, current
 from swe_sphere.studies.sweep.runs import Discretisation, History, Integrator, RunSpec, Study
@@ -143,8 +144,6 @@ def perturbed(
 
     sim: the run, at its end.
     """
-    from swe_sphere.steppers.stage_solver import energy_weights  # imports Warp
-
     twin = _begun(spec)
     model, mesh = twin.model, twin.model.device_mesh
     start = mesh.collect(twin.stepper.state).astype(float)
