@@ -200,6 +200,9 @@ def test_times_that_xarray_has_decoded_are_seconds_again(run):
     with xr.open_dataset(run) as decoded:
         assert np.issubdtype(decoded.time.dtype, np.datetime64)
         assert decoded.swe.frames.times.tolist() == [0.0, 600.0, 1200.0]
+    data = open_run(run)
+    spans = data.assign_coords(time=(1e9 * data.time).astype("timedelta64[ns]"))
+    assert spans.swe.frames.times.tolist() == [0.0, 600.0, 1200.0]
 
 
 @pytest.mark.parametrize("grid", [lat_lon(30, 60), gaussian(12)])
@@ -284,6 +287,8 @@ def test_names_of_fields_are_one_or_any_collection_of_them(run):
     ]  # fmt: skip
     found = data.swe.error_norms(data, (name for name in ["h", "wind"]))
     assert found.sizes["time"] == 3 and found.linf_wind.shape == (3,)
+    with pytest.raises(ConfigError, match="the field 5 is missing"):
+        data.swe.error_norms(data, fields=5)
 
 
 def test_no_frame_and_several_members_are_refused_in_one_line(run):
@@ -335,8 +340,12 @@ def test_what_is_not_of_a_run(data, mesh):
 
 
 @pytest.mark.parametrize(
-    "name", ["latlon:1x4", "latlon:181", "gaussian:0", "latlon:99999x99999", "r360x180", ""]
-)
+    "name",
+    [
+        "latlon:1x4", "latlon:181", "gaussian:0", "latlon:99999x99999", "r360x180", "",
+        f"latlon:{'9' * 5000}x4", f"gaussian:{'9' * 5000}",
+    ],
+)  # fmt: skip
 def test_grids_that_are_none(name):
     with pytest.raises(ConfigError, match="grid"):
         parse_grid(name)
@@ -373,6 +382,30 @@ def test_a_file_becomes_a_zarr_store(run, tmp_path):
     np.testing.assert_allclose(found.u, expected.u, rtol=1e-14)
     np.testing.assert_allclose(found.h, expected.h, rtol=1e-14)
     assert found.h.shape == (3, 10, 20)
+
+
+@pytest.mark.parametrize("ending", ["nc", "ZARR"])
+def test_fields_without_times_are_one_frame(run, tmp_path, ending):
+    if ending == "ZARR":
+        pytest.importorskip("zarr")
+    out = regrid_file(run, "latlon:9x8", tmp_path / f"grid.{ending}", fields=["b", "f"])
+    assert Reference(out).values("b") == pytest.approx(
+        open_run(run).swe.to_latlon(9, 8).b.data.ravel()
+    )
+
+
+def test_a_component_of_the_wind_alone_is_not_interpolated(mesh, tmp_path):
+    path, out = tmp_path / "run.nc", tmp_path / "grid.NC"
+    for only in ("uh", "v"):
+        path.unlink(missing_ok=True)
+        with FrameWriter(path, mesh, {}, only=tuple(only)) as writer:
+            writer.write(0.0, rotation(mesh))
+        with pytest.raises(ConfigError, match="u and v are interpolated together"):
+            regrid_file(path, "latlon:9x8", out, [only[0]], overwrite=True)
+        with xr.open_dataset(regrid_file(path, "latlon:9x8", out, overwrite=True)) as found:
+            there = {"h", "b"} & {*only, "b"}
+            assert there <= {*found} and not {"u", "v"} & {*found}
+        assert {*open_run(path).swe.to_latlon(9, 8)} >= there
 
 
 def test_memory_does_not_grow_with_the_number_of_frames(tmp_path):

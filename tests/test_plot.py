@@ -241,6 +241,34 @@ def test_a_region_fills_the_map(name):
     assert x.max() == pytest.approx(-x.min(), rel=2e-3)
 
 
+@pytest.mark.parametrize("name", ["lat-lon", "equal-earth", "robinson"])
+@pytest.mark.parametrize("north", [1.0, 5.0, 20.0])
+def test_a_region_goes_all_round_within_bounded_memory(name, north):
+    axes = new_map(new_figure(), Look(projection=name, region=(0.0, 360.0, -north, north)))
+    lon, _, x, _ = grid_of(axes, 361)
+    assert np.ptp(x) == pytest.approx(np.ptp(axes.projection.x_limits), rel=1e-3)
+    assert np.degrees(np.ptp(lon % (2.0 * np.pi))) > 358.0 and x.size < 600_000
+
+
+@pytest.mark.parametrize("look", [
+    {"centre": (540.0, 0.0)}, {"centre": (-1e10, 0.0)}, {"region": (530.0, 550.0, 0.0, 10.0)},
+    {"centre": (-400.0, 9.0), "projection": "orthographic"},
+    {"centre": (720.0, 0.0), "projection": "south-polar"},
+])  # fmt: skip
+def test_longitudes_of_maps_may_be_any(look):
+    turned = {key: (value[0] % 360.0, *value[1:]) for key, value in look.items() if key == "centre"}
+    grids = [grid_of(new_map(new_figure(), Look(**each)), 11) for each in (look, look | turned)]
+    np.testing.assert_array_equal(*(grid.lon for grid in grids))
+    assert np.isfinite(grids[0].lon).all()
+
+
+@pytest.mark.parametrize("day", [1234.25, 12345.0])
+def test_titles_state_the_day_in_full(run, day):
+    state = Frame(RunFile(run).mesh, RunFile(run).frame(), day * DAY, {})
+    axes = draw_state(state, "h", new_map(new_figure(), Look()))
+    assert axes.get_title().endswith(f"day {day:.10g}")
+
+
 @pytest.mark.parametrize(("region", "labels"), [
     ((240.0, 301.0, 0.0, 20.0), {"110°W": -20.5, "100°W": -10.5, "70°W": 19.5}),
     ((170.0, -170.0, 0.0, 20.0), {"175°E": -5.0, "180°": 0.0, "175°W": 5.0}),
@@ -327,10 +355,13 @@ def globe(run, **look):
     ({"projection": "mercator"}, "unknown projection"),
     ({"region": (10.0, 10.0, 0.0, 20.0)}, "a region is west,east,south,north"),
     ({"region": (0.0, 20.0, 30.0, 20.0)}, "a region is west,east,south,north"),
+    ({"region": (350.0, -10.0, -30.0, 30.0)}, "-360 < east - west <= 360"),
     ({"projection": "orthographic", "centre": (0.0, 95.0)}, "latitude of the centre must be -90"),
     ({"projection": "orthographic", "region": (0.0, 1.0, 0.0, 1.0)}, "accepts a centre but no"),
     ({"projection": "north-polar", "region": (-180.0, 180.0, -90.0, 90.0)}, "60 degrees beyond"),
-    ({"limits": (2.0, 1.0)}, "low < high"), ({"levels": 0}, "greater than or equal to 1, got 0"),
+    ({"limits": (2.0, 1.0)}, "low < high"), ({"limits": (0.0, 5e-324)}, "1e-300 to 1e300 apart"),
+    ({"limits": (-1.7e308, 1.7e308)}, "1e-300 to 1e300 apart"),
+    ({"levels": 0}, "greater than or equal to 1, got 0"),
     ({"winds": "barbs"}, "winds: must be 'arrows' or 'streamlines', got 'barbs'"),
 ])  # fmt: skip
 def test_looks_that_cannot_be(look, reason):
@@ -410,7 +441,7 @@ def test_lines_of_the_panels_are_not_cut(run):
     assert low < 0.9 * np.nanmin(values) and np.nanmax(values) < high
 
 
-@pytest.mark.parametrize("ending", ["gif", "mp4"])
+@pytest.mark.parametrize("ending", ["gif", "mp4", "GIF"])
 @pytest.mark.thorough
 def test_a_film_has_all_frames(run, tmp_path, monkeypatch, ending):
     monkeypatch.setattr(plot, "FILM_ROWS", 31)
@@ -457,11 +488,17 @@ def test_fields_of_ones_own_are_drawn_and_compared_with_their_units(tmp_path, mo
 def test_films_that_cannot_be_made(run, tmp_path):
     for arguments, reason in (
         ({"out": tmp_path / "film.avi"}, "ending in .mp4 or .gif"),
-        ({"out": tmp_path / "film.gif", "rate": 0.0}, "frames a second"),
+        ({"out": tmp_path / "film.gif", "rate": 0.0}, "frames a second, got 0.0"),
+        ({"out": tmp_path / "film.GIF", "rate": "8"}, "frames a second, got '8'"),
         ({"field": "heat", "out": tmp_path / "film.gif"}, "unknown field"),
     ):
         with pytest.raises(ConfigError, match=reason):
             plot.animate_file(run, **arguments)
+    for rate in ("8", np.nan, 0, None):
+        with pytest.raises(ConfigError, match=r"0\.1 to 120 frames a second, got"):
+            open_run(run).swe.animate("h", rate=rate)
+    with pytest.raises(ConfigError, match="time must be a number, got 'a'"):
+        open_run(run).swe.plot("h", time="a")
 
 
 @pytest.mark.thorough

@@ -117,7 +117,7 @@ class Analysis:
         """Return all fields on evenly spaced latitudes and longitudes: (..., lat, lon).
 
         rows, columns: numbers of latitudes and longitudes; an odd number of rows includes the
-        poles. The values are those of the polynomials in the elements.
+        poles. The values are those of the polynomials in the elements; u needs v, and v needs u.
         """
         return self.to_grid(lat_lon(rows, columns))
 
@@ -213,7 +213,7 @@ class Analysis:
         same = np.array_equal(self.mesh.xyz, theirs.mesh.xyz)
         points = None if same else Interpolator(self.mesh, theirs.mesh.lon, theirs.mesh.lat)
         found: dict[str, list[float]] = {}
-        names = [fields] if isinstance(fields, str) else [*fields]
+        names = [fields] if isinstance(fields, str) or not np.iterable(fields) else [*fields]
         for k, j in pairs:
             ours, right = self.frames.fields(k), theirs.frames.fields(j)
             for field in names:
@@ -242,7 +242,7 @@ class Analysis:
         from swe_sphere.pictures.look import Look
         from swe_sphere.pictures.plot import draw_state
 
-        when = None if time is None else time * DAY
+        when = None if time is None else convert("time", float, time) * DAY
         return draw_state(self.frames, field, ax, validated(Look, look), when)
 
     def animate(self, field: str | None = None, rate: float = 8.0, **look: Any) -> Film:
@@ -283,8 +283,9 @@ class Frames(Nodal):
             times = np.atleast_1d(data["time"].values)
             if times.size == 0:
                 raise ConfigError("this dataset holds no frame")
-            if np.issubdtype(times.dtype, np.datetime64):
-                times = (times - np.datetime64(START)) / np.timedelta64(1, "s")
+            if (kind := times.dtype.kind) in "mM":  # timedelta64, datetime64
+                start = np.datetime64(START) if kind == "M" else 0
+                times = (times - start) / np.timedelta64(1, "s")
             self.times = times.astype(np.float64)
 
     @cached_property

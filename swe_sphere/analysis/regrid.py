@@ -52,9 +52,9 @@ def parse_grid(text: str) -> Grid:
 
     Raises ConfigError for another text, or numbers too small or large.
     """
-    if found := re.fullmatch(r"latlon:(\d+)x(\d+)", text):
+    if found := re.fullmatch(r"latlon:(\d{1,9})x(\d{1,9})", text):
         return lat_lon(*map(int, found.groups()))
-    if found := re.fullmatch(r"gaussian:(\d+)", text):
+    if found := re.fullmatch(r"gaussian:(\d{1,9})", text):
         return gaussian(int(found[1]))
     raise ConfigError(
         f"there is no grid {shown(text)}: use latlon:ROWSxCOLUMNS (latlon:181x360) or gaussian:N"
@@ -98,13 +98,13 @@ def _around(name: str, rows: int, columns: int) -> Array:
 
 
 def on_grid(data: xr.Dataset, at: Interpolator, grid: Grid) -> xr.Dataset:
-    """Interpolate all nodal fields of a dataset to the points of a grid: (..., lat, lon)."""
+    """Interpolate all `fields_of` a dataset to the points of a grid: (..., lat, lon)."""
     on_mesh = ("mesh", "location", "coordinates", "grid_mapping", "cell_measures")
     names = [name for name in fields_of(data) if name != "area"]
     sizes = {"lat": grid.lat.size, "lon": grid.lon.size}
     found: dict[str, xr.DataArray] = {}
-    if {"u", "v"} & set(names):
-        found["u"], found["v"] = on_nodes(at.wind, sizes, *holding(data, "u", "v"), results=2)
+    if "u" in names:
+        found["u"], found["v"] = on_nodes(at.wind, sizes, data["u"], data["v"], results=2)
     for name in names:
         if name not in found:
             found[name] = on_nodes(at, sizes, data[name])
@@ -116,9 +116,10 @@ def on_grid(data: xr.Dataset, at: Interpolator, grid: Grid) -> xr.Dataset:
 
 
 def fields_of(data: xr.Dataset) -> list[str]:
-    """Return the names of the variables that have a value at each node."""
+    """Return the names of the variables on the nodes, without a component of the wind alone."""
     names = [str(name) for name in data.data_vars if "node" in data[name].dims]
-    return [name for name in names if name not in TOPOLOGY]
+    skipped = TOPOLOGY if {"u", "v"} <= {*names} else [*TOPOLOGY, "u", "v"]
+    return [name for name in names if name not in skipped]
 
 
 def profiles_of(data: xr.Dataset) -> list[Hashable]:
@@ -173,8 +174,8 @@ def regrid_file(
 
     path: file of the run. grid: latlon:ROWSxCOLUMNS or gaussian:N. out: a name ending in .nc, or in
     .zarr, which needs the package zarr; the file gets its name when it is complete. fields: the
-    requested variables, all if empty; u and v are always written together. overwrite: replace an
-    existing `out`.
+    requested variables, all if empty; u and v are written together or not at all. overwrite:
+    replace an existing `out`.
 
     Memory contains one frame on the mesh and on the grid, and an interpolation matrix below 200 MB.
 
@@ -187,12 +188,12 @@ def regrid_file(
     wanted = parse_grid(grid)
     at = Interpolator(found.mesh, *wanted.points)
     writers = {".nc": _write_netcdf, ".zarr": _write_zarr}
-    if out.suffix not in writers:
+    if (ending := out.suffix.lower()) not in writers:
         raise ConfigError(f"cannot write {out}: give a name ending in .nc or .zarr")
     if not out.parent.is_dir():
         raise ConfigError(f"cannot write {out}: there is no folder {out.parent}")
     check_free(out, overwrite)
-    if out.suffix == ".zarr":
+    if ending == ".zarr":
         check_zarr(out)
     with (
         xr.open_dataset(path, engine=engine(path), decode_times=False) as data,
@@ -204,19 +205,21 @@ def regrid_file(
         before = str(data.attrs.get("history", ""))
         chosen.attrs["history"] = history(f"regrid {path.name} --grid {grid}", before)
         with building(out) as part:
-            writers[out.suffix](part, _frames(path, chosen, at, wanted))
+            writers[ending](part, _frames(path, chosen, at, wanted))
     return out
 
 
 def _chosen(data: xr.Dataset, fields: Sequence[str]) -> xr.Dataset:
     """Return the requested fields on the nodes, with the series; of all fields also profiles."""
     there = fields_of(data)
+    # the directions east and north vary in space: the wind is interpolated as a vector
+    whole = ["u", "v"] if {"u", "v"} & set(fields) else []
+    if not {*whole} <= {*there}:
+        raise ConfigError("u and v are interpolated together, but the run does not hold both")
     for name in sorted({*fields}.difference(there)):
         raise unknown_name("field", name, there)
     others = [name for name in data.data_vars if data[name].dims == (SERIES,)]
     others += [] if fields else profiles_of(data)
-    # the directions east and north vary in space: the wind is interpolated as a vector
-    whole = ["u", "v"] if {"u", "v"} & set(fields) else []
     return data[[*dict.fromkeys([*(fields or there), *whole]), *others]]
 
 
@@ -225,8 +228,8 @@ def _frames(path: Path, data: xr.Dataset, at: Interpolator, grid: Grid) -> Itera
     series = data[[name for name in data.data_vars if data[name].dims == (SERIES,)]]
     data = data.drop_dims(SERIES, errors="ignore")
     changing = data[[name for name in data.data_vars if "time" in data[name].dims]]
-    for k in range(data.sizes["time"]):
-        frame = (changing if k else data).isel(time=[k]).load()
+    for k in range(data.sizes.get("time", 1)):
+        frame = (changing if k else data).isel(time=[k], missing_dims="ignore").load()
         for name in frame.data_vars:
             checked(path, str(name), frame[name].variable)
         found = on_grid(frame, at, grid)
@@ -238,8 +241,8 @@ def _write_netcdf(path: Path, frames: Iterator[xr.Dataset]) -> None:
 
     first = next(frames)
     compression = {"zlib": True, "complevel": 4, "shuffle": True}
-    encoding = {name: compression for name in first.data_vars if first[name].ndim > 1}
-    first.to_netcdf(path, "w", format="NETCDF4", encoding=encoding, unlimited_dims=["time"])
+    packed = {name: compression for name in first.data_vars if first[name].ndim > 1}
+    first.to_netcdf(path, "w", "NETCDF4", encoding=packed, unlimited_dims={"time"} & {*first.dims})
     with netCDF4.Dataset(path, "a") as file:
         for k, frame in enumerate(frames, start=1):
             for name in ("time", *frame.data_vars):

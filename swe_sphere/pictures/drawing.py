@@ -131,7 +131,7 @@ class Drawing:
         notes = [self._contoured(axes, values, (low, high)), *self._overlaid(axes, time)]
         draw_graticule(axes, self.grid)
         _draw_scale(axes, image, self.kind)
-        when = [] if time is None else [f"day {time / DAY:.4g}"]
+        when = [] if time is None else [f"day {time / DAY:.10g}"]
         if within:
             axes.set_title(axes.get_title() or ", ".join([self.kind.title, *when]))
             return

@@ -49,7 +49,7 @@ class Look(
     projection: str = "equal-earth"
     """equal-earth (the default), robinson, lat-lon, orthographic, north-polar, south-polar."""
     centre: Annotated[Pair, BeforeValidator(_numbers(1, 2))] = (0.0, 0.0)
-    """Longitude of the middle of the map [degrees], and latitude for orthographic."""
+    """Longitude of the middle [degrees] unless a region sets it, and latitude for orthographic."""
     region: Annotated[Four, BeforeValidator(_numbers(4))] | None = None
     """Region on the map: west, east, south, north [degrees]."""
     limits: Annotated[Pair, BeforeValidator(_numbers(2))] | None = None
@@ -70,8 +70,9 @@ class Look(
     @model_validator(mode="after")
     def _check(self) -> Self:
         """Raise ConfigError for a look that cannot be drawn."""
-        if self.limits is not None and not self.limits[0] < self.limits[1]:
-            raise ConfigError(f"limits must be low,high with low < high, got {self.limits}")
+        low, high = self.limits or (0.0, 1.0)
+        if not 1e-300 <= high - low <= 1e300:
+            raise ConfigError(f"limits must be low < high, 1e-300 to 1e300 apart, got {low},{high}")
         if self.projection not in PROJECTIONS:
             raise unknown_name("projection", self.projection, PROJECTIONS)
         if abs(self.centre[1]) > 90.0:
@@ -81,11 +82,10 @@ class Look(
         if self.region is None:
             return self
         west, east, south, north = self.region
-        if not (-90.0 <= south < north <= 90.0 and west != east and -360.0 <= east - west <= 360.0):
+        if not (-90.0 <= south < north <= 90.0 and west != east and -360.0 < east - west <= 360.0):
             raise ConfigError(
-                "a region is west,east,south,north in degrees: east within 360 degrees of west and"
-                " not the same, -90 <= south < north <= 90, not"
-                f" {west:g},{east:g},{south:g},{north:g}"
+                "a region is west,east,south,north in degrees: -360 < east - west <= 360 and not 0,"
+                f" -90 <= south < north <= 90, not {west:g},{east:g},{south:g},{north:g}"
             )
         if self.projection == "orthographic":
             raise ConfigError("the orthographic globe accepts a centre but no region")

@@ -27,8 +27,6 @@ APART = (60.0, 30.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05)
 """Spacings of the meridians [degrees]: the widest with at least four meridians is drawn."""
 GLOBE = crs.Globe(ellipse=None, semimajor_axis=EARTH.radius, semiminor_axis=EARTH.radius)
 """Globe of all maps: cartopy's own is an ellipsoid."""
-
-
 STILL = 0.02
 """Winds weaker than this fraction of the strongest wind are not drawn."""
 
@@ -64,21 +62,27 @@ class PolarMap(crs.Stereographic):  # type: ignore[misc]
 def new_map(figure: Figure | SubFigure, look: Look) -> GeoAxes:
     """Add a map with the projection, centre and region of `look` to a figure."""
     west, east, south, north = look.edges
-    lon = 0.5 * (west + east) if look.region and look.projection not in POLAR else look.centre[0]
+    region = look.region and look.projection not in POLAR
+    lon = wrapped(0.5 * (west + east) if region else look.centre[0])
     projections: dict[str, Callable[[], Any]] = {
         "equal-earth": lambda: crs.EqualEarth(lon, globe=GLOBE),
         "robinson": lambda: crs.Robinson(lon, globe=GLOBE),
         "lat-lon": lambda: crs.PlateCarree(lon, globe=GLOBE),
-        "orthographic": lambda: crs.Orthographic(*look.centre, globe=GLOBE),
+        "orthographic": lambda: crs.Orthographic(lon, look.centre[1], globe=GLOBE),
         "north-polar": lambda: PolarMap(90.0, lon, look.lowest),
         "south-polar": lambda: PolarMap(-90.0, lon, -look.lowest),
     }
     axes: GeoAxes = figure.add_subplot(projection=projections[look.projection]())
     axes.set_global()
-    if look.region and look.projection not in POLAR:
-        half = 0.5 * (east - west)
+    if region:
+        half = min(0.5 * (east - west), 180.0 - 1e-6)  # both edges of a whole turn stay apart
         axes.set_extent((-half, half, south, north), crs.PlateCarree(lon, globe=GLOBE))
     return axes
+
+
+def wrapped(lon: Any) -> Any:
+    """Return longitudes [degrees] from -180 up to 180."""
+    return (lon + 180.0) % 360.0 - 180.0
 
 
 def aspect(axes: GeoAxes) -> float:
@@ -87,12 +91,12 @@ def aspect(axes: GeoAxes) -> float:
 
 
 def grid_of(axes: GeoAxes, rows: int) -> MapGrid:
-    """Return a grid of square cells that covers the visible region of the axes.
+    """Return a grid of square cells, or of 1500 columns, that covers the axes' visible region.
 
     Points beyond the edge of the globe have the longitude and latitude of the nearest point on it:
     the axes clip them, and a field that is drawn on the grid reaches up to the edge.
     """
-    columns = max(2, round(rows / aspect(axes)))
+    columns = min(max(2, round(rows / aspect(axes))), 1500)  # about the pixels of a picture
     (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
     x, y = np.meshgrid(np.linspace(west, east, columns), np.linspace(south, north, rows))
     projection = axes.projection
@@ -106,8 +110,8 @@ def grid_of(axes: GeoAxes, rows: int) -> MapGrid:
 def place(axes: GeoAxes, lon: Array, lat: Array) -> Array:
     """Return map coordinates (..., 2) of points [rad], NaN where the map cannot show them."""
     projection = axes.projection
-    lon = (np.degrees(lon) + 180.0) % 360.0 - 180.0
-    points = projection.transform_points(projection.as_geodetic(), lon, np.degrees(lat))[..., :2]
+    degrees = wrapped(np.degrees(lon)), np.degrees(lat)
+    points = projection.transform_points(projection.as_geodetic(), *degrees)[..., :2]
     return np.where(np.isfinite(points).all(axis=-1, keepdims=True), points, np.nan)
 
 
@@ -127,11 +131,10 @@ def draw_graticule(axes: GeoAxes, grid: MapGrid) -> None:
 def _meridians(grid: MapGrid) -> list[float]:
     """Return round longitudes [degrees] on a grid, also on one that crosses the date line."""
     middle = np.degrees(grid.lon[grid.lon.shape[0] // 2, grid.lon.shape[1] // 2])
-    away = (np.degrees(grid.lon) - middle + 180.0) % 360.0 - 180.0
+    away = wrapped(np.degrees(grid.lon) - middle)
     west, east = middle + away.min(), middle + away.max()
     step = next((step for step in APART if east - west + 1e-6 > 4.0 * step), APART[-1])
-    found = np.arange(step * math.ceil(west / step), east + 1e-6, step)
-    return sorted({float((lon + 180.0) % 360.0 - 180.0) for lon in found})
+    return sorted({*wrapped(np.arange(step * math.ceil(west / step), east + 1e-6, step)).tolist()})
 
 
 def draw_mesh(axes: GeoAxes, mesh: Mesh) -> None:

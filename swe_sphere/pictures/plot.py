@@ -15,7 +15,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from rich.console import Console
 from rich.text import Text
 
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, shown
 from swe_sphere.files.durable import building, check_free, clear_errors
 from swe_sphere.io.reference_solution import Exact, open_source
 from swe_sphere.io.runfile import Nodal, RunFile, Source
@@ -53,7 +53,7 @@ def plot_file(
     """
     look, source = look or Look(), open_source(path)
     field = check_field(field or default_field(source), source.about)
-    day = "" if time is None else f"_day{time / DAY:g}"
+    day = "" if time is None else f"_day{time / DAY:.10g}"
     beside = source.path.with_name(f"{source.path.stem}_{field}{day}.png")
     out = beside if out is None else Path(out)
     if out.suffix.lower() not in (".png", ".pdf", ".svg"):
@@ -162,8 +162,10 @@ class Film(FuncAnimation):
     """An animation of matplotlib, which a notebook shows; `save` writes it to a file."""
 
     @classmethod
-    def of(cls, source: Nodal, field: str, look: Look, rate: float) -> Self:
+    def of(cls, source: Nodal, field: str, look: Look, rate: Any) -> Self:
         """Return the film of all frames of a source with one colour scale; rate: per second."""
+        if not (isinstance(rate, (int, float, np.number)) and 0.1 <= rate <= 120.0):
+            raise ConfigError(f"rate must be 0.1 to 120 frames a second, got {shown(rate)}")
         if source.times.size < 2:
             raise ConfigError(f"{source.path} has fewer than two frames: run with a smaller every")
         figure = new_figure()
@@ -176,8 +178,7 @@ class Film(FuncAnimation):
             figure.clear()
             drawing.draw(new_map(figure, look), time, (ends.min(), ends.max()))
 
-        interval = 1e3 / min(max(rate, 0.1), 120.0)
-        return cls(figure, draw, source.times, interval=interval, cache_frame_data=False)
+        return cls(figure, draw, source.times, interval=1e3 / rate, cache_frame_data=False)
 
     def _repr_html_(self) -> str:
         return str(self.to_jshtml(default_mode="loop"))
@@ -185,11 +186,9 @@ class Film(FuncAnimation):
 
 def _film_writer(out: Path, rate: Any) -> PillowWriter | FFMpegWriter:
     """Return the writer of a film; for .mp4 it sets the path of the encoder in matplotlib."""
-    if out.suffix not in (".mp4", ".gif"):
+    if out.suffix.lower() not in (".mp4", ".gif"):
         raise ConfigError(f"cannot draw {out}: give a name ending in .mp4 or .gif")
-    if not 0.1 <= rate <= 120.0:
-        raise ConfigError(f"rate={rate:g}: 0.1 to 120 frames a second can be shown")
-    if out.suffix == ".gif":
+    if out.suffix.lower() == ".gif":
         return PillowWriter(fps=rate)
     try:
         import imageio_ffmpeg
