@@ -53,7 +53,7 @@ def plot_file(
     """
     look, source = look or Look(), open_source(path)
     field = check_field(field or default_field(source), source.about)
-    day = "" if time is None else f"_day{time / DAY:.10g}"
+    day = "" if time is None else f"_day{time / DAY:.7g}"
     beside = source.path.with_name(f"{source.path.stem}_{field}{day}.png")
     out = beside if out is None else Path(out)
     if out.suffix.lower() not in (".png", ".pdf", ".svg"):
