@@ -266,7 +266,7 @@ def test_longitudes_of_maps_may_be_any(look):
 def test_titles_state_the_day_in_full(run, day):
     state = Frame(RunFile(run).mesh, RunFile(run).frame(), day * DAY, {})
     axes = draw_state(state, "h", new_map(new_figure(), Look()))
-    assert axes.get_title().endswith(f"day {day:.10g}")
+    assert axes.get_title().endswith(f"day {day:.7g}")
 
 
 @pytest.mark.parametrize(("region", "labels"), [

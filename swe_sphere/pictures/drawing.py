@@ -193,7 +193,7 @@ def _draw_scale(axes: GeoAxes, image: AxesImage, kind: FieldStyle) -> None:
     power = 0 if -3 <= power < 5 else power
     bar = axes.figure.colorbar(
         image, ax=axes, orientation="horizontal", shrink=0.6, aspect=40, pad=0.07,
-        format=lambda value, _: f"{value / 10.0**power:.7g}".replace("-", "−"),
+        format=lambda value, _: f"{value / 10.0**power:.10g}".replace("-", "−"),
     )  # fmt: skip
     if np.ptp(ends) < 1e-3 * np.abs(ends).max():  # long numbers: only a few fit
         bar.locator = MaxNLocator(4)
