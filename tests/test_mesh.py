@@ -259,9 +259,9 @@ def test_arrays_are_read_only() -> None:
         ({"centre": (0.0, 91.0)}, "latitude"),
         ({"spin": math.inf}, "spin"),
         ({"radius": 1e-170}, "radius"),
-        ({"centre": ("a", 0.0)}, "others numbers"),
-        ({"centre": (0.0,)}, "others numbers"),
-        ({"stretch": None}, "others numbers"),
+        ({"centre": ("a", 0.0)}, "needs numbers"),
+        ({"centre": (0.0,)}, "needs numbers"),
+        ({"stretch": None}, "needs numbers"),
     ],
 )
 def test_bad_numbers_are_refused_in_one_line(wrong: dict, word: str) -> None:

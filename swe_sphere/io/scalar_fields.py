@@ -79,11 +79,16 @@ def derive(fields: Mapping[str, Array], name: str) -> Array:
     if name == "potential_vorticity":
         return (derive(fields, "vorticity") + derive(fields, "f")) / derive(fields, "h")
     if name == "potential_vorticity_anomaly":
-        depth = np.average(derive(fields, "h"), weights=derive(fields, "area"))
-        return depth * derive(fields, "potential_vorticity") - derive(fields, "f")
+        return at_depth(fields, np.average(derive(fields, "h"), weights=derive(fields, "area")))
     if name == "wind":
         return np.stack([derive(fields, "u"), derive(fields, "v")])
     raise ConfigError(f"the field {name!r} is missing; there are {', '.join(fields)}")
+
+
+def at_depth(fields: Mapping[str, Array], depth: float) -> Array:
+    """Return the relative vorticity (N,) [s-1] of the columns brought to that depth [m]."""
+    coriolis = derive(fields, "f")
+    return (derive(fields, "vorticity") + coriolis) * depth / derive(fields, "h") - coriolis
 
 
 class Sampler(Protocol):

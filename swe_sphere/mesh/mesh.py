@@ -174,7 +174,7 @@ def check_settings(
         lon, lat = map(float, centre)
         radius, stretch, spin = map(float, (radius, stretch, spin))
     except (TypeError, ValueError):
-        raise ConfigError(f"ne and np must be whole numbers, others numbers: {given}") from None
+        raise ConfigError(f"a mesh needs numbers, whole ones for ne and np, got {given}") from None
     if ne < 1:
         raise ConfigError(f"ne={ne}: a cube edge must have at least one element")
     if not 3 <= np <= 16:

@@ -140,10 +140,9 @@ def convert(label: str, kind: Any, value: object, finite: bool = True) -> Any:
 def complaint(error: ValidationError) -> str:
     """Return the condition that a value must meet: the first error that pydantic finds."""
     first = error.errors(include_url=False)[0]
-    if first["type"] == "too_short":
-        return "must not be empty"
-    if first["type"] == "path_type":
-        return "must be the path of a file"
+    plain = {"too_short": "must not be empty", "path_type": "must be the path of a file"}
+    if first["type"] in plain:
+        return plain[first["type"]]
     message: str = first["msg"]
     return message.removeprefix("Value error, ").replace("Input should", "must")
 

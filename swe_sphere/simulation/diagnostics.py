@@ -29,6 +29,7 @@ from swe_sphere.io.integrals import (
     tracer_numbers,
 )
 from swe_sphere.io.layout import MESH_ATTRIBUTES, TOPOLOGY, VARIABLES
+from swe_sphere.io.scalar_fields import at_depth
 from swe_sphere.planet import DAY
 from swe_sphere.settings.registry import first_line
 from swe_sphere.settings.values import read_toml
@@ -165,8 +166,7 @@ def slow_errors(model: Model, ours: Fields, theirs: Fields) -> Norms:
         return {}
     area, f = model.mesh.area, model.coriolis
     mean = area_mean(area, theirs["h"])
-    # the vorticity of columns brought to the mean depth H: H q - f
-    slow = ((state["vorticity"] + f) * mean / state["h"] - f for state in (ours, theirs))
+    slow = (at_depth(state | {"f": f}, mean) for state in (ours, theirs))
     return {"vorticity": norms(area, *slow)}
 
 

@@ -224,9 +224,10 @@ class Recorder(Observer):
                 at = Interpolator(sim.mesh, *grid.points)
                 transform = partial(on_grid, at=at, grid=grid)
         self._writer = FrameWriter(
-            path, sim.mesh, attributes, sim.model.bottom, sim.scene.tracers or (),
-            min(ahead, due + 3) + 1, sim.time if continues else None, sim.snapshot.own_attributes,
-            sim.snapshot.own_fields, sim.model.coriolis, only, transform,
+            path, sim.mesh, attributes, bottom=sim.model.bottom, coriolis=sim.model.coriolis,
+            tracers=sim.scene.tracers or (), samples=min(ahead, due + 3) + 1, only=only,
+            append_from=sim.time if continues else None, own=sim.snapshot.own_attributes,
+            own_fields=sim.snapshot.own_fields, transform=transform,
         )  # fmt: skip
         if continues and self._writer.run_id != sim.run_id:
             self._writer.close()

@@ -283,8 +283,7 @@ class Study:
 
         automatic: True for an automatic dt, which may be shortened as much as they require.
         """
-        asked = self.plan.run_config().tracer_steps
-        cycle = 1 if asked == "auto" else asked
+        cycle = 1 if (asked := self.plan.run_config().tracer_steps) == "auto" else asked
         return time_plan(self.days, self._every / 3600, dt, cycle=cycle, automatic=automatic)
 
     def error_identity(self, role: Role) -> tuple[str, ...]:
