@@ -199,15 +199,15 @@ def slow_ocean(m: int = 4, n: int = 10, speed: float = 0.1, linear: bool = False
     the wave by itself changes the currents by a relative 3e-4 (l2) in four days at 0.1 m/s.
 
     Args:
-        m: number of waves around the globe, at least 1.
+        m: number of waves around the globe, 1 to 50.
         n: degree of the harmonics that contain most of the currents, from m to m + 12.
         speed: speed of the strongest current [m s-1].
         linear: use the equations linearised about rest, for which the wave is exact.
 
     Raises ConfigError for a wave that does not exist, and for a speed that is not positive.
     """
-    if not 1 <= m <= n <= m + 12:  # so that the series of the wave is right to round-off
-        raise ConfigError(f"slow-ocean: m must be at least 1 and n m to m + 12, got {m} and {n}")
+    if not 1 <= m <= 50 or not m <= n <= m + 12:  # its series is then right to round-off
+        raise ConfigError(f"slow-ocean: m must be 1 to 50 and n m to m + 12, got {m} and {n}")
     if not 0.0 < speed <= 10.0:
         raise ConfigError(f"slow-ocean: speed must be above 0 and at most 10 m/s, got {speed:g}")
     wave = TidalEquations(m, 4000.0, EARTH).free(n)
@@ -247,7 +247,7 @@ def hough(
 
     Args:
         wave: "kelvin", "rossby", or gravity wave "eastward" or "westward".
-        k: zonal wavenumber, at least 1.
+        k: zonal wavenumber, 1 to 500.
         n: meridional mode, 1 to 40; 1 is the only Kelvin, fastest Rossby or slowest gravity wave.
         depth: mean depth [m].
         amplitude: root mean square of the wind [m s-1].
@@ -255,10 +255,9 @@ def hough(
 
     Raises ConfigError for a mode that does not exist, and for a depth that is not positive.
     """
-    if k < 1 or not 1 <= n <= FUNCTIONS // 4 or (wave == "kelvin" and n != 1):
+    if not 1 <= k <= 500 or not 1 <= n <= FUNCTIONS // 4 or (wave == "kelvin" and n != 1):
         raise ConfigError(
-            f"hough: k must be at least 1 and n from 1 to {FUNCTIONS // 4} (1 for kelvin), got"
-            f" {k} and {n}"
+            f"hough: k must be 1 to 500 and n 1 to {FUNCTIONS // 4} (1 for kelvin), got {k} and {n}"
         )
     if not depth > 0.0:
         raise ConfigError(f"hough: depth must be positive, got {depth} m")
@@ -319,16 +318,16 @@ def matsuno(
 
     Args:
         wave: "rossby", "eig" (eastward inertia-gravity) or "wig" (westward inertia-gravity).
-        k: zonal wavenumber, at least 1.
-        n: number of zeros of v between the poles, at least 1.
+        k: zonal wavenumber, 1 to 500.
+        n: number of zeros of v between the poles, 1 to 500.
         amplitude: factor of the normalised northward wind [m s-1].
         linear: use the equations linearised about rest. The full equations require a tiny
             amplitude, and float64 to resolve so small a wave in the depth.
 
     Raises ConfigError for a mode that does not exist.
     """
-    if k < 1 or n < 1:
-        raise ConfigError(f"matsuno: k and n must be at least 1, got {k} and {n}")
+    if not (1 <= k <= 500 and 1 <= n <= 500):
+        raise ConfigError(f"matsuno: k and n must be 1 to 500, got {k} and {n}")
     mode = EquatorialMode(wave, k, n, amplitude)
 
     return build_scene(

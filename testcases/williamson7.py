@@ -65,9 +65,12 @@ def williamson7(
         balanced: keep only the rotational wind, with the height of the nonlinear balance equation.
         seed: seed of the random phases of the synthetic state.
 
-    Raises ConfigError for a file without the required contents, and a degree or seed out of range.
+    Raises ConfigError for a file without the required contents, a degree or seed out of range, and
+    a filter without a file.
     """
     if file is None:
+        if degree or balanced:
+            raise ConfigError("williamson7: degree and balanced filter a file: give a file too")
         title, source = "SYNTHETIC 500 hPa-like flow", "SYNTHETIC initial state"
         initial: State = BalancedFlow(_streamfunction(seed), EARTH, DEPTH, linear=True).state
     else:

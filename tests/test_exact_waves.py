@@ -112,10 +112,13 @@ def test_the_pattern_keeps_its_speed_and_its_amplitude(mode):
 
 
 @pytest.mark.parametrize(
-    ("parameters", "said"),
-    [({"k": 0}, "k must be at least 1"), ({"wave": "kelvin", "n": 2}, "1 for kelvin"),
-     ({"depth": -1.0}, "depth must be positive")],
+    ("scene", "parameters", "said"),
+    [("hough", {"k": 0}, "k must be 1 to 500"), ("hough", {"k": 10**6}, "k must be 1 to 500"),
+     ("hough", {"wave": "kelvin", "n": 2}, "1 for kelvin"),
+     ("hough", {"depth": -1.0}, "depth must be positive"),
+     ("matsuno", {"n": 10**6}, "k and n must be 1 to 500"),
+     ("slow-ocean", {"m": 10**6, "n": 10**6}, "m must be 1 to 50")],
 )  # fmt: skip
-def test_modes_that_do_not_exist_are_refused(parameters, said):
+def test_modes_that_do_not_exist_are_refused(scene, parameters, said):
     with pytest.raises(ConfigError, match=said):
-        get_scene("hough", **parameters)
+        get_scene(scene, **parameters)

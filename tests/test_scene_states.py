@@ -310,6 +310,9 @@ def test_what_is_smooth_and_balanced_stays_as_it_is(tmp_path: Path, balanced: bo
     for degree in (-1, 1001):
         with pytest.raises(ConfigError, match="degree must be from 0 to 1000"):
             get_scene("williamson7", file=path, degree=degree)
+    for filtered in ({"degree": 12}, {"balanced": True}):
+        with pytest.raises(ConfigError, match="give a file too"):
+            get_scene("williamson7", **filtered)
 
 
 def test_a_balanced_analysis_has_no_divergence(tmp_path: Path) -> None:

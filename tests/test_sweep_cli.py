@@ -223,17 +223,18 @@ def test_a_mistake_gets_one_line_and_status_2(swe, tmp_path, line):
 
 
 @pytest.mark.thorough
-def test_ctrl_c_keeps_the_runs_and_leaves_with_130(tmp_path):
+@pytest.mark.parametrize(("sent", "name"), [(signal.SIGINT, "Ctrl-C"), (signal.SIGTERM, "SIGTERM")])
+def test_a_stop_signal_keeps_the_runs_and_leaves_with_130(tmp_path, sent, name):
     command = (PROGRAM, "sweep", "lauter", "--steppers", "rk4", "--dt", "60,50,40",
                "--ne", "3", "--days", "1", "--out", tmp_path)  # fmt: skip
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     end = time.monotonic() + 300.0
     while time.monotonic() < end and not runs_of(tmp_path).records:
         time.sleep(0.01)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(sent)
     err = process.communicate(timeout=300)[1].replace(f"swe-sphere: {COMPILING}\n", "")
     assert process.returncode == 130 and err.count("\n") == 1
-    assert err.startswith("swe-sphere: interrupted by Ctrl-C; ") and "resumes the sweep" in err
+    assert err.startswith(f"swe-sphere: interrupted by {name}") and "resumes the sweep" in err
     assert runs_of(tmp_path).records and (tmp_path / "sweep.nc").exists()
 
 

@@ -57,8 +57,8 @@ def sweep(
         check_ours(out / name)
     datasets, completed = {}, report_only
     for folder, plan in plans:
-        kept = f"interrupted by Ctrl-C; {folder} keeps all finished runs"
-        with _watched(plan.scene, quiet, f"{kept}; the same command resumes the sweep") as terminal:
+        kept = f"; {folder} keeps all finished runs; the same command resumes the sweep"
+        with _watched(plan.scene, quiet, kept) as terminal:
             dataset = datasets[folder] = run_sweep(plan, folder, terminal)
         compared = dataset["status"].where(dataset["role"].isin(["grid", "target"]))
         completed |= bool((compared == "completed").any())
@@ -83,7 +83,7 @@ def advise(**values: Any) -> None:
     if values["error"] is None:
         raise ConfigError("error: give the largest error at the end (--error 1e-3)")
     question = validated(Question, given(values, Question))
-    with _watched(question.scene, False, "interrupted by Ctrl-C") as terminal:
+    with _watched(question.scene) as terminal:
         advice = advice_on(question, terminal)
     shorter = (
         f"of {advice.of_days:g} days, with {advice.ranking.targets[0]:.2g} in the place of"
@@ -118,14 +118,16 @@ def _by_name(
 
 
 @contextmanager
-def _watched(title: str, quiet: bool, interrupted: str) -> Iterator[SweepWatcher]:
-    """Show the progress of a sweep in the block; Ctrl-C stops the command with that text."""
+def _watched(title: str, quiet: bool = False, kept: str = "") -> Iterator[SweepWatcher]:
+    """Show the progress of a sweep in the block; the message of a stop signal ends with `kept`."""
     terminal = SweepWatcher(title, quiet)
     try:
         with closing(terminal), on_compile(lambda: terminal.note(f"swe-sphere: {COMPILING}")):
             yield terminal
-    except (Interrupted, KeyboardInterrupt):
-        raise Interrupted(interrupted) from None
+    except Interrupted as error:
+        raise Interrupted(f"{error}{kept}") from None
+    except KeyboardInterrupt:
+        raise Interrupted(f"interrupted by Ctrl-C{kept}") from None
 
 
 def _show_sweep(dataset: xr.Dataset) -> None:
