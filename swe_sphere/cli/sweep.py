@@ -124,10 +124,8 @@ def _watched(title: str, quiet: bool = False, kept: str = "") -> Iterator[SweepW
     try:
         with closing(terminal), on_compile(lambda: terminal.note(f"swe-sphere: {COMPILING}")):
             yield terminal
-    except Interrupted as error:
-        raise Interrupted(f"{error}{kept}") from None
-    except KeyboardInterrupt:
-        raise Interrupted(f"interrupted by Ctrl-C{kept}") from None
+    except (Interrupted, KeyboardInterrupt) as error:
+        raise Interrupted(f"{str(error) or 'interrupted by Ctrl-C'}{kept}") from None
 
 
 def _show_sweep(dataset: xr.Dataset) -> None:

@@ -22,7 +22,7 @@ from swe_sphere.mesh.cubed_sphere import BLOCK
 from swe_sphere.mesh.partition import Part, Partition, whole
 from swe_sphere.operators.chunks import Chunks
 from swe_sphere.operators.halo import Halo
-from swe_sphere.operators.launch import Cuts, Launcher, Span
+from swe_sphere.operators.launch import REMEMBERED, Cuts, Launcher, Span
 from swe_sphere.operators.strips import Strips
 from swe_sphere.ranks.communicator import Communicator
 
@@ -71,6 +71,7 @@ class DeviceMesh(NotCopyable):
         """Number of rows in a local field: element nodes, an empty group, and received values."""
         self.halos: dict[int, Halo] = {}
         """Exchanges between ranks by the address of the array."""
+        self._stages: dict[tuple[int, int, float], Any] = {}
         self.places = functools.cache(self._find_places)
         self.scratch = functools.cache(self.local)
         """Function like `local`, but operators share the result: a field must have been read before
@@ -155,10 +156,14 @@ class DeviceMesh(NotCopyable):
         return stage_struct(self.real)()
 
     def stage_at(self, start: wp.array, tau: float) -> Any:
-        """Return the stage that stores start + tau rate."""
-        stage = stage_struct(self.real)()
-        stage.on, stage.start, stage.tau = True, start, tau
-        return stage
+        """Return the stage that stores start + tau rate, the same object for the same arguments."""
+        key = start.ptr, start.size, tau
+        if key not in self._stages:
+            if len(self._stages) >= REMEMBERED:
+                self._stages.clear()
+            stage = self._stages[key] = stage_struct(self.real)()
+            stage.on, stage.start, stage.tau = True, start, tau
+        return self._stages[key]
 
     @functools.cached_property
     def inverse_area(self) -> wp.array:

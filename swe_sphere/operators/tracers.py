@@ -112,8 +112,6 @@ class Limiter:
         self._local = mesh.scratch(self._count, types.value)
         self._places = mesh.places(self._count)
         self._add = in_runs(launch, assemble_blocks, *run)
-        self._added: dict[int, Any] = {}
-        """Stages that add to a state, by its address."""
         area = mesh.restrict(mesh.mesh.area)
         self._area = wp.array(area, dtype=wp.float64, device=mesh.device)
         chunks, count = mesh.chunks, self._count
@@ -137,11 +135,9 @@ class Limiter:
             self._inside, mesh.groups, 0, self._geometry, state, *self._offsets, self._count,
             *self._bounds, self._local.values,
         )  # fmt: skip
-        if state.ptr not in self._added:
-            self._added[state.ptr] = mesh.stage_at(state, 1.0)
         self._add(
             self._places, mesh.inverse_area, mesh.lanes, mesh.size, self._count, first,
-            self._local.flat, self._added[state.ptr], state,
+            self._local.flat, mesh.stage_at(state, 1.0), state,
         )  # fmt: skip
         # the excess of the elements fills the room over the sphere
         self._launch(
@@ -187,7 +183,6 @@ class MassSteps:
         self._mesh, self._launch, self._first = mesh, launch, first
         self._transport = TracerTransport(mesh, launch, count)
         self._work = wp.zeros(size, dtype=mesh.real, device=mesh.device)
-        self._stages: dict[tuple[int, float], Any] = {}
         self._ratio: MixingRatio | None = None
         if depth is not None:
             self._ratio = MixingRatio(mesh, launch, count, depth, first)
@@ -211,10 +206,8 @@ class MassSteps:
             check_stop()
             for i, fraction in enumerate(fractions):
                 out, step = self._work if i + 1 < len(fractions) else state, fraction * tau / parts
-                key = state.ptr, step
-                if key not in self._stages:
-                    self._stages[key] = self._mesh.stage_at(state, step)
-                self._transport(flow, carried, at, out, self._first, self._stages[key])
+                stage = self._mesh.stage_at(state, step)
+                self._transport(flow, carried, at, out, self._first, stage)
                 carried, at = self._carried(out, part * tau / parts + step)
 
     def _carried(self, state: wp.array, t: float) -> tuple[wp.array, int]:
