@@ -162,7 +162,7 @@ def _by_hand(model: Model, library: ctypes.CDLL) -> dict[str, Callable[[], objec
     to_stage = [pointer(array) for array in (state, out, step, stage)]
 
     def element() -> object:
-        return library.element(mesh.groups, mesh.whole, size, *over_elements), kept
+        return library.element(mesh.groups, mesh.block_groups, size, *over_elements), kept
 
     def dss() -> None:
         library.dss(mesh.inner, size, *over_nodes)

@@ -90,7 +90,7 @@ def _store(f: Formula, finish: Finish) -> Any:
         n = i * np_ + j
         if wp.static(finish is None):
             keep(r, e, n, k, out)
-        elif e < geo.whole and i > 0 and i < np_ - 1 and j > 0 and j < np_ - 1:
+        elif e < geo.block_groups and i > 0 and i < np_ - 1 and j > 0 and j < np_ - 1:
             finish(geo, x, r, k, ~geo.nodes[e, n][0], done)
         else:
             keep(r, e, n, k, out)
@@ -176,10 +176,10 @@ def scratch(t: KernelTypes, *kinds: Any) -> list[Any]:
     """
     size = wp.types.type_size_in_bytes
     sizes = [t.np * t.np * size(specialise(kind, t)) for kind in kinds]
-    assert sum(sizes) <= room(t.np)
+    assert sum(sizes) <= work_bytes(t.np)
     return [wp.uint64(sum(sizes[:i])) for i in range(len(sizes))]
 
 
-def room(np_: int) -> int:
+def work_bytes(np_: int) -> int:
     """Return the size of a group's work memory [bytes]: 16 registers per node."""
     return 16 * 64 * np_ * np_

@@ -76,7 +76,7 @@ def _finish_wind(geometry: Any, point: Any, damped: bool, shifted: bool = False)
 def carrying_kernel(t: KernelTypes, damped: bool) -> Any:
     """Return the kernel (begin, geometry, a, x, first, count, out, levels) of `transport`.
 
-    The kernel steps the masses at nodes inside the elements of the first `whole` groups.
+    The kernel steps the masses at nodes inside the elements of the first `block_groups` groups.
     """
     finish = _finish_mass(t.terms.unknowns, geometry, t.point, damped)
     return field_kernel(t, transport(), finish)

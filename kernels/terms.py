@@ -130,7 +130,7 @@ class KernelTypes:
             "per_area": terms.waves and wp.array2d(dtype=value),
             "per_diagonal": terms.waves and wp.array2d(dtype=value),
             "work": not is_node and wp.uint64,
-            "whole": direct and wp.int32,
+            "block_groups": direct and wp.int32,
             "inverse_area": direct and on_nodes,
             "stage": direct and not self.steps and stage_struct(real),
             "point": direct and point and point.structure.find(self),

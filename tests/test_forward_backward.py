@@ -116,7 +116,7 @@ def test_both_launch_shapes_step_alike(name: str) -> None:
         for _ in range(5):
             sim.step()
         ends.append(sim.stepper.state.numpy())
-    assert sim.model.device_mesh.whole > 0
+    assert sim.model.device_mesh.block_groups > 0
     np.testing.assert_allclose(*ends, rtol=0.0, atol=1e-13 * np.abs(ends[0]).max())
 
 

@@ -45,7 +45,7 @@ def solve(
     """Result and solution."""
     weights = np.ones(b.size) if weights is None else weights
     space = (DeviceSpace if kernels else VectorSpace)(weights, real=real)
-    x = space.room(1)[0] if guess is None else wp.array(guess, dtype=real, device="cpu")
+    x = space.empty_stack(1)[0] if guess is None else wp.array(guess, dtype=real, device="cpu")
     result = FlexibleGMRES(space, size).solve(
         operator(matrix),
         wp.array(b, dtype=real, device="cpu"),

@@ -98,8 +98,8 @@ def sums(parts, fields):
     for _ in range(2):  # all have sent theirs when they are asked the second time
         found = []
         for part, chunks in zip(parts, ranks, strict=True):
-            nodal, room = fields[:, part.nodes], chunks.room(len(fields))
-            room[: chunks.count] = [
+            nodal, sums = fields[:, part.nodes], chunks.partial_sums(len(fields))
+            sums[: chunks.count] = [
                 sum(nodal[:, slice(*span)].copy().sum(axis=1) for span in spans)
                 for spans in part.spans.swapaxes(0, 1)
             ]

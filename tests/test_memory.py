@@ -125,7 +125,7 @@ def test_the_table_goes_on_beyond_its_end() -> None:
 def test_room_for_a_basis_takes_memory_only_row_by_row() -> None:
     space = VectorSpace(np.ones(1_000_000))
     before = resident()
-    rows = space.room(50)
+    rows = space.empty_stack(50)
     assert resident() - before < 20e6
     rows[0].zero_()
     assert rows.shape == (50, space.n)

@@ -233,7 +233,7 @@ def test_models_of_fewer_effects_share_arrays_and_counters(small_mesh) -> None:
     model = Model(small_mesh, make_scene(*FULL))
     for other in (model.inviscid, model.carrier, model.carrier.inviscid):
         assert other.parameters is model.parameters and other.counters is model.counters
-        assert other.room("laplacian") is model.room("laplacian")
+        assert other.scratch("laplacian") is model.scratch("laplacian")
         out, before = other.zeros(), model.counters["rhs_evaluations"]
         other.conservative_tendency(other.initial_state(), 0.0, out)
         assert model.counters["rhs_evaluations"] == before + 1

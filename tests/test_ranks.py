@@ -23,7 +23,7 @@ from swe_sphere.compiling import COMPILING
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cubed_sphere import BLOCK
-from swe_sphere.mesh.partition import Partition, curve, whole
+from swe_sphere.mesh.partition import Partition, curve, single_part
 from swe_sphere.operators import DeviceMesh
 from swe_sphere.operators.device_mesh import LEAST
 from swe_sphere.ranks.communicator import OF_RANKS, SIZES, Communicator, started_ranks
@@ -99,7 +99,7 @@ def test_every_element_and_every_node_is_counted_once(mesh, parts):
 
 def test_contributors_meet_in_the_order_of_the_whole_mesh(mesh, parts):
     """Numbered by their place in the mesh, and sent as ranks send them."""
-    points, everything = mesh.np**2, whole(mesh, "node")
+    points, everything = mesh.np**2, single_part(mesh, "node")
     own = [(p.elements[:, None] * points + np.arange(points)).ravel() for p in parts]
     expected = np.split(everything.contributors, np.cumsum(everything.counts)[:-1])
     for rank, part in enumerate(parts):

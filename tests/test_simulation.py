@@ -44,7 +44,7 @@ def test_steps_are_equal_and_frames_and_end_fall_on_them(days, every, dt):
     plan = time_plan(days, every, dt)
     assert 0.499 * dt <= plan.dt <= dt * (1 + 1e-9)
     assert plan.time(plan.steps) == pytest.approx(days * DAY, abs=1e-6)
-    assert plan.whole * plan.dt + plan.tail * plan.last == pytest.approx(days * DAY, abs=1e-6)
+    assert plan.tail_begin * plan.dt + plan.tail * plan.last == pytest.approx(days * DAY, abs=1e-6)
     assert plan.tail <= 1 and plan.last < plan.dt
     assert plan.is_frame(0) and plan.is_frame(plan.steps)
     if every is not None and every * HOUR < days * DAY:

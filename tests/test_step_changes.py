@@ -54,7 +54,7 @@ def test_a_plan_from_any_time_has_the_frames_calls_and_end_of_one_from_the_start
     times = now + np.concatenate([[0.0], np.cumsum(lengths)])
     assert [plan.time(step) for step in range(7, plan.steps + 1)] == pytest.approx(times, abs=1e-5)
     assert times[-1] == pytest.approx(days * DAY, abs=1e-5)
-    assert all((n - 7) % plan.cycle == 0 for n in (plan.first, plan.whole, plan.steps))
+    assert all((n - 7) % plan.cycle == 0 for n in (plan.first, plan.tail_begin, plan.steps))
     if hours is not None:
         assert_multiples(plan, plan.is_frame, hours if hours != 0.333333 else 1 / 3, now)
     if calls is not None:

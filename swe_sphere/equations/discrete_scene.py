@@ -59,7 +59,7 @@ class DiscreteScene(NotCopyable):
             )
         )
         self.set_time(0.0)  # a faulty function fails before anything is computed
-        self.room = cache(lambda name: DiscreteScene.zeros(self, self.fluid_size))
+        self.scratch = cache(lambda name: DiscreteScene.zeros(self, self.fluid_size))
         """Scratch array (fluid_size,) by name; models that share arrays use it in turns."""
 
     held: wp.array | None = None

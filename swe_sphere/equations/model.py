@@ -244,7 +244,7 @@ class Model(DiscreteScene):
         """Set the wind of `out` to that of `start` plus tau [s] times the edge penalty at x."""
         base, source = self.parameters.get("base"), x
         if base is not None:
-            source = self.room("difference")
+            source = self.scratch("difference")
             self.launch.combine(x, base, -1.0, out=source)
         self.edge_penalty(source, tau, out, start)
 

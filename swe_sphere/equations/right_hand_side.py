@@ -100,7 +100,7 @@ def fluid_operations(
         def subtract(x: wp.array, out: wp.array) -> None:
             model.launch.combine(x, steady_base, -1.0, out=out)
 
-        source = model.room("difference")
+        source = model.scratch("difference")
         operations.append(Operation(subtract, target=source))
     operations += term_operations(model, terms, point, given, stage, source)
     factor = 1.0 if stage is None else stage.tau
@@ -129,7 +129,7 @@ def term_operations(
     parameters = model.parameters | dict(given or {})
     operations: list[Operation] = []
     if terms.biharmonic:
-        laplacian = parameters["laplacian"] = model.room("laplacian")
+        laplacian = parameters["laplacian"] = model.scratch("laplacian")
         raised = terms.bottom and not terms.tangent
         once = Terms(wind=terms.wind, bottom=raised, diffusion=True, still=True)
         first = TendencyOperator(mesh, once, launch, model.parameters | {"nu": 1.0})

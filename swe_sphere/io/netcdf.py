@@ -96,16 +96,15 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
                 )
             before, size = self._earlier.attributes, self.path.stat().st_size
             kept = {name: before[name] for name in KEPT if name in before}
-        every = frame_fields(tracers) | {name: self._own[name] for name in own_fields or {}}
+        basic = frame_fields(tracers) | {name: self._own[name] for name in own_fields or {}}
         self._profiles = {n: x for n, x in (own_fields or {}).items() if hasattr(x, "dims")}
-        wanted = {*only} or {*every}
+        wanted = {*only} or {*basic}
         if transform is not None and wanted & {"u", "v"}:
             wanted |= {"u", "v"}  # interpolated as a vector
-        derived = {
+        every = {
             name: {"long_name": FIELDS[name].title, "units": POWER.sub(r"\1", FIELDS[name].units)}
             for name in VARIABLES["derived"]
-        }
-        every = derived | every
+        } | basic
         for name in sorted(wanted.difference(every)):
             raise unknown_name("field", name, [*every])
         self._fields = {name: about for name, about in every.items() if name in wanted}

@@ -132,7 +132,7 @@ RINGED = 6 * 20**2 * 4**2
 """Number of element nodes from which a mesh is computed in rings: the caches hold smaller ones."""
 
 
-def whole(mesh: Mesh, shape: str) -> Part:
+def single_part(mesh: Mesh, shape: str) -> Part:
     """Return the part of a single process: the whole mesh, with its elements in rings if large.
 
     shape: launch shape of the kernels; with one thread per node the order is that of the mesh.

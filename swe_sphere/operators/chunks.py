@@ -37,12 +37,12 @@ class Chunks:
         self._branches = [branches(*ends[rank : rank + 2]) for rank in range(comm.size)]
         self._trees = functools.cache(self._build_trees)
 
-    def room(self, width: int) -> Array:
+    def partial_sums(self, width: int) -> Array:
         """Return the array (count, width) to fill with sums over each chunk of this rank."""
         return self._trees(width)[0][0]
 
     def total(self, width: int) -> Array:
-        """Return the sums (width,) of `room(width)` over all ranks, valid until the next call."""
+        """Return the total (width,) of `partial_sums` over all ranks, valid until the next call."""
         (mine, add_up_mine), (everything, add_up) = self._trees(width)
         add_up_mine.launch()
         counts = [width * len(each) for each in self._branches]

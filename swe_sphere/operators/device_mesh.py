@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, NotCopyable
 from swe_sphere.kernels.define import REGISTER_BYTES, lanes_of
-from swe_sphere.kernels.element import room
+from swe_sphere.kernels.element import work_bytes
 from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors, in_two_runs
 from swe_sphere.kernels.simd.stages import stage_struct
 from swe_sphere.kernels.terms import KernelTypes, kernel_types
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cubed_sphere import BLOCK
-from swe_sphere.mesh.partition import Part, Partition, whole
+from swe_sphere.mesh.partition import Part, Partition, single_part
 from swe_sphere.operators.chunks import Chunks
 from swe_sphere.operators.halo import Halo
 from swe_sphere.operators.launch import REMEMBERED, Cuts, Launcher, Span
@@ -57,8 +57,9 @@ class DeviceMesh(NotCopyable):
         self, mesh: Mesh, device: str, real: Any, shape: str, comm: Communicator = ALONE,
         part: Part | None = None,
     ) -> None:  # fmt: skip
-        if part is None:
-            part = Partition(mesh, comm.size).part(comm.rank) if comm.shared else whole(mesh, shape)
+        if part is None and comm.shared:
+            part = Partition(mesh, comm.size).part(comm.rank)
+        part = part or single_part(mesh, shape)
         self.mesh, self.part, self.comm = mesh, part, comm
         self.device, self.real, self.shape = device, real, shape
         self.elements, self.size, self.points = part.elements.size, part.nodes.size, mesh.np**2
@@ -127,11 +128,11 @@ class DeviceMesh(NotCopyable):
 
     @functools.cached_property
     def inner(self) -> int:
-        """Number of nodes inside the elements of the first `whole` groups, numbered first."""
-        return self.whole * self.lanes * (self.mesh.np - 2) ** 2
+        """Number of nodes inside the elements of `block_groups`, which are numbered first."""
+        return self.block_groups * self.lanes * (self.mesh.np - 2) ** 2
 
     @functools.cached_property
-    def whole(self) -> int:
+    def block_groups(self) -> int:
         """Number of groups whose nodes inside elements are numbered in blocks of BLOCK elements."""
         blocks, side = self.elements // BLOCK, self.mesh.np - 2
         inside = self.part.node_of[: blocks * BLOCK, 1:-1, 1:-1].reshape(blocks, BLOCK, side, side)
@@ -142,8 +143,8 @@ class DeviceMesh(NotCopyable):
     @functools.cached_property
     def work(self) -> int:
         """Address of the work arrays of a group; kernels run one after the other and share it."""
-        self._room = self.aligned((room(self.mesh.np),), wp.uint8)
-        return int(self._room.ptr)
+        self._work = self.aligned((work_bytes(self.mesh.np),), wp.uint8)
+        return int(self._work.ptr)
 
     @functools.cached_property
     def fluxes(self) -> wp.array:

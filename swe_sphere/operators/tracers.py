@@ -145,8 +145,8 @@ class Limiter:
             chunks.spans, *self._bounds, self._partial,
         )  # fmt: skip
         if self._everything is not self._partial:
-            room = chunks.room(3 * self._count)
-            room[:] = self._partial.numpy().reshape(room.shape)
+            sums = chunks.partial_sums(3 * self._count)
+            sums[:] = self._partial.numpy().reshape(sums.shape)
             self._everything.assign(chunks.total(3 * self._count).reshape(1, -1, 3))
         blocks = self._everything.shape[0]
         self._launch(self._parts, self._count, self._everything, blocks, self._part)

@@ -61,7 +61,7 @@ class RunPlan:
     """Length of the steps at the end [s]."""
 
     @property
-    def whole(self) -> int:
+    def tail_begin(self) -> int:
         """Number of steps before the steps at the end that have another length."""
         return self.steps - self.tail
 
@@ -69,14 +69,14 @@ class RunPlan:
         """Return the time [s] after that many steps, to the microsecond."""
         if step < self.first:
             return round(self.origin - (self.first - step) * self.lead, 6)
-        ahead = max(0, min(step, self.steps) - self.whole)
+        ahead = max(0, min(step, self.steps) - self.tail_begin)
         return round(self.origin + (step - ahead - self.first) * self.dt + ahead * self.last, 6)
 
     def length(self, step: int) -> float:
         """Return the length [s] of the step that follows that many steps."""
         if step < self.first:
             return self.lead
-        return self.last if self.whole <= step < self.steps else self.dt
+        return self.last if self.tail_begin <= step < self.steps else self.dt
 
     def is_frame(self, step: int) -> bool:
         """Return whether a frame is due after that many steps."""
@@ -84,7 +84,7 @@ class RunPlan:
 
     def is_multiple(self, step: int, seconds: float) -> bool:
         """Return whether the time after that many steps is a multiple of `seconds`."""
-        if not self.first <= step <= self.whole:
+        if not self.first <= step <= self.tail_begin:
             return False
         ahead = -self.origin % seconds / (self.cycle * self.dt)
         if abs(ahead - round(ahead)) > 1e-6:

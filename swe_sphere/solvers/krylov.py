@@ -277,7 +277,7 @@ class KrylovBasis:
 
     def __init__(self, space: VectorSpace, size: int, short: bool = False) -> None:
         self.space, self._short = space, short
-        self.stack = space.room(size)
+        self.stack = space.empty_stack(size)
         self.rows = [self.stack[k] for k in range(size)]
         self._firsts = [max(0, k - WINDOW) if short else 0 for k in range(size)]
         self._stacks = [self.stack[first:] if first else self.stack for first in self._firsts]
@@ -433,7 +433,7 @@ class FlexibleGMRES(KrylovSolver):
         """Iterate from the residual in row 0 until met, full or broken down; then update x."""
         start, rows, epsilon = p.residual, self._basis.rows, self.space.epsilon
         if p.precondition is not None and self._images is None:
-            self._images = self.space.room(self.size)
+            self._images = self.space.empty_stack(self.size)
             self._image_rows = [self._images[i] for i in range(self.size)]
         small, goal = HessenbergLeastSquares(start, epsilon), max(p.target, epsilon * start)
         self._basis.start(start)

@@ -77,7 +77,7 @@ class VectorSpace:
         """
         self._mesh = mesh
         values = np.array(weights, dtype=np.float64)
-        self.whole = values.size
+        self.global_size = values.size
         """Numbers of a vector on all ranks together."""
         values = values if mesh is None else mesh.restrict(values)
         if values.ndim != 1 or not np.all((values > 0.0) & np.isfinite(values)):
@@ -105,7 +105,7 @@ class VectorSpace:
         """Return a new stack (rows, n) of zeros."""
         return wp.zeros((rows, self.n), dtype=self.real, device=self.device)
 
-    def room(self, rows: int) -> wp.array:
+    def empty_stack(self, rows: int) -> wp.array:
         """Return a new stack (rows, n) that is not initialised.
 
         In the memory of a CPU a row occupies memory only once it is written: unused rows cost
@@ -218,7 +218,7 @@ class HostSpace(VectorSpace):
         count = sum(rows for _, rows, _ in calls)
         if count > self._products.size:
             self._products = np.empty(max(2 * count, 16))
-        room = self._products if self._shared is None else self._shared.room(count)
+        room = self._products if self._shared is None else self._shared.partial_sums(count)
         arguments = [room.ctypes.data, 0 if self._shared is None else count, len(calls)]
         for stack, rows, v in calls:
             arguments += self._address(stack), self._address(v), rows
@@ -301,7 +301,7 @@ class DeviceSpace(VectorSpace):
         self._fetch(count)
         if self._shared is None:
             return np.sum(self._sums[:count], axis=1, out=self._products[:count])
-        self._shared.room(count)[:] = self._sums[:count].T
+        self._shared.partial_sums(count)[:] = self._sums[:count].T
         return self._shared.total(count)
 
     def lowest(self, x: wp.array, begin: int, end: int) -> float:

@@ -81,7 +81,7 @@ class NewtonStages(StageSolver):
         space = self.problem.space
         # a large basis pays at large advective Courant numbers; it has the same size on any number
         # of ranks, so that they agree when to restart
-        size = max(20, min(KRYLOV_SIZE, int(KRYLOV_MEMORY / (2 * 8 * space.whole))))
+        size = max(20, min(KRYLOV_SIZE, int(KRYLOV_MEMORY / (2 * 8 * space.global_size))))
         self.newton = NewtonKrylov(
             space, FlexibleGMRES(space, size), max_iterations=NEWTON_ITERATIONS,
             max_krylov=2 * KRYLOV_SIZE,
