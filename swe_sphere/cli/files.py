@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from swe_sphere.io.reference_solution import Exact
     from swe_sphere.io.runfile import Source
 
-File = Annotated[Path, typer.Argument(help="File of a run; plot also accepts regridded files.")]
+File = Annotated[Path, typer.Argument(help="File of a run.")]
 
 
 def list_all() -> None:
@@ -60,7 +60,7 @@ def plot(
     overwrite: bool = flag("overwrite", "Replace an existing picture."),
     **look: Any,
 ) -> None:
-    """Draw a field of a file on the globe."""
+    """Draw a field of a run, or of a regridded file, on the globe."""
     from swe_sphere.pictures.plot import plot_file
 
     seconds = None if time is None else time * DAY

@@ -68,7 +68,7 @@ def stress(
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> int:
-    """Run hard cases against criteria fixed beforehand; fail if one of them fails."""
+    """Run hard cases, check them against bounds, and fail if one of them fails."""
     from swe_sphere.studies.cases import choose, count_outcomes
 
     def describe(rows: Sequence[Row]) -> dict[str, object]:

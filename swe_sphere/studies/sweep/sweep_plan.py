@@ -104,7 +104,7 @@ class SweepPlan(SharedConfig):
     days: Annotated[Days, Field(gt=0.0)] | None = None
     """Length of the runs [days]."""
     report_days: Listed[Spoken] = ()
-    """Times at which errors are measured [days], beside the end."""
+    """Times at which errors are measured [days], in addition to the end."""
     repeats: Annotated[Whole, Field(ge=1, le=100)] = 3
     """Minimum number of timed runs of a setting; more while the two shortest differ by over 3 %."""
     jobs: Annotated[Whole, Field(ge=1, le=MOST_JOBS)] = 1
