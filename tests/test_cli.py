@@ -17,6 +17,7 @@ import pytest
 
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.logs import print_lines
+from swe_sphere.settings.values import overridden
 from swe_sphere.simulation.build import start_warp
 from swe_sphere.simulation.observers import LogLines
 from swe_sphere.simulation.planning import RunPlan
@@ -116,6 +117,19 @@ def test_flags_go_before_the_file(swe, tmp_path):
     _, out, _ = swe("run", "--config", "run.toml", "--ne", 2)
     numbers = json.loads(out)
     assert (numbers["ne"], numbers["days"]) == (2, 0.25)
+
+
+def test_a_flag_replaces_the_setting_of_the_file_that_it_sets_and_no_other(swe, tmp_path):
+    (tmp_path / "run.toml").write_text(
+        'scene = "williamson2"\nne = 2\nnp = 4\ndays = 0.1\njson = true\nalpha = 0.5\n'
+        "[set.viscosity]\nnu = 1e5\n[set.drag]\nlinear = 1e-6\nquadratic = 1e-9\n"
+    )
+    flags = ("--set", "drag.linear=2e-6", "--set", "scene.alpha=0.2")
+    numbers = json.loads(swe("run", "--config", "run.toml", *flags)[1])
+    assert numbers["effects"]["viscosity"] == {"nu": 1e5}
+    assert numbers["effects"]["drag"] == {"linear": 2e-6, "quadratic": 1e-9}
+    merged = overridden({"alpha": 0.5, "ne": 2}, {"settings": "scene.alpha=0.2"})
+    assert merged == {"ne": 2, "settings": (("scene", "alpha", "0.2"),)}
 
 
 def test_a_scene_in_a_file_of_the_user(swe, tmp_path):

@@ -204,6 +204,26 @@ def test_a_scene_file_edited_meanwhile_is_not_the_scene(tmp_path):
 # --- diagnostics and callbacks
 
 
+def test_a_resumed_run_keeps_the_settings_that_are_not_given_again(tmp_path):
+    path = tmp_path / "run.nc"
+    options = {"strength": 0.2, "share": 0.9}
+    first = small(stepper="leapfrog", dt=900.0, options=options, effects={"drag.linear": 1e-6})
+    first.run(days=0.25, out=path)
+    again = run_scene(make_config({
+        "scene": "williamson6", "restart": path, "days": 0.5, "settings": ["stepper.share=0.8"],
+    }))  # fmt: skip
+    assert again.status == "completed"
+    assert (again["strength"], again["share"]) == (0.2, 0.8)
+    assert again["effects"]["drag"]["linear"] == 1e-6
+
+
+def test_an_option_with_a_field_replaces_the_setting_of_the_earlier_run(tmp_path):
+    path = tmp_path / "run.nc"
+    small(stepper="tr-bdf2", options={"tolerance": 1e-6}).run(days=0.25, out=path)
+    values = {"scene": "williamson6", "restart": path, "days": 0.5, "tolerance": 1e-3}
+    assert run_scene(make_config(values))["tolerance"] == 1e-3
+
+
 def test_a_diagnostic_may_come_and_go_between_runs(tmp_path):
     sim = small()
     sim.run(days=0.25)

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+import xarray as xr
 
 from swe_sphere.cli.main import main
 from swe_sphere.compiling import COMPILING
@@ -236,6 +237,15 @@ def test_a_stop_signal_keeps_the_runs_and_leaves_with_130(tmp_path, sent, name):
     assert process.returncode == 130 and err.count("\n") == 1
     assert err.startswith(f"swe-sphere: interrupted by {name}") and "resumes the sweep" in err
     assert runs_of(tmp_path).records and (tmp_path / "sweep.nc").exists()
+
+
+def test_a_flag_replaces_a_setting_of_a_recipe_and_keeps_the_others(swe, tmp_path):
+    text = RECIPE.partition("[[sweep]]")[0] + "[[sweep]]\nscene = 'williamson2'\n"
+    (tmp_path / "one.toml").write_text(text + "[sweep.set.drag]\nlinear = 1e-6\nquadratic = 1e-9\n")
+    options = ("--recipe", "one.toml", "--out", "d", "--set", "drag.linear=2e-6")
+    assert swe(*options, "--set", "viscosity.nu=1e5")[0] == 0
+    (found,) = {*xr.open_dataset(tmp_path / "d" / "williamson2" / "sweep.nc").settings.values}
+    assert found == "drag.quadratic=1e-09 drag.linear=2e-6 viscosity.nu=1e5"
 
 
 def test_a_sweep_of_a_recipe_has_its_folder_also_alone(swe, tmp_path):

@@ -259,10 +259,10 @@ def test_a_recipe_of_the_user(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text('scene = "lauter"\nsteppers = ["rk4"]\nreport-days = [1]\nset = ["a.b=1"]\n')
     (values,) = load_recipe(str(path)).sweeps
-    assert values["report_days"] == [1] and values["settings"] == ["a.b=1"]
+    assert values["report_days"] == [1] and values["settings"] == [("a", "b", "1")]
     path.write_text('scene = "lauter"\nset = "a.b=1"\n')
     (values,) = load_recipe(str(path)).sweeps
-    assert values["settings"] == ["a.b=1"]
+    assert values["settings"] == [("a", "b", "1")]
     with pytest.raises(ConfigError, match="unknown recipe 'quik'; did you mean 'quick'"):
         load_recipe("quik")
     path.write_text("scene = ")

@@ -19,6 +19,9 @@ from swe_sphere.files.durable import contents_of
 SCENE, STEPPER = "scene", "stepper"
 """Owners of settings that are not effects."""
 
+FIELD_OWNERS = {"alpha": SCENE, "preconditioner": STEPPER, "tolerance": STEPPER}
+"""Owners of the parameters for which a configuration also has a field."""
+
 M = TypeVar("M", bound=BaseModel)
 
 _FLAGS = {"settings": "set", "as_json": "json", "outputs": "output"}
@@ -98,6 +101,21 @@ def by_owner(settings: Iterable[Setting]) -> dict[str, dict[str, Any]]:
     for owner, parameter, value in settings:
         values.setdefault(owner, {})[parameter] = value
     return values
+
+
+def overridden(values: Mapping[str, Any], by: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values by field with those of another table in their place, settings one by one.
+
+    A field and a setting of the same parameter (`FIELD_OWNERS`) replace one another.
+    """
+    old, new = (read_settings(table.get("settings") or ()) for table in (values, by))
+    replaced = {setting[:2] for setting in new}
+    replaced |= {(owner, name) for name, owner in FIELD_OWNERS.items() if name in by}
+    found = {k: value for k, value in values.items() if (FIELD_OWNERS.get(k), k) not in replaced}
+    found.update(by)
+    if old or new:
+        found["settings"] = (*(one for one in old if one[:2] not in replaced), *new)
+    return found
 
 
 def convert(label: str, kind: Any, value: object, finite: bool = True) -> Any:

@@ -18,8 +18,7 @@ from pydantic import (
 from swe_sphere.equations.scene import LONGEST_DAYS, MOST_ELEMENTS
 from swe_sphere.errors import ConfigError, shown, unknown_name
 from swe_sphere.settings.values import (
-    SCENE,
-    STEPPER,
+    FIELD_OWNERS,
     Setting,
     by_owner,
     names_in,
@@ -83,6 +82,7 @@ Spoken = Annotated[float, _not_of(bool), Field(gt=0.0)]
 """A positive number, also as text."""
 SpokenWhole = Annotated[int, _not_of(bool)]
 TimeStep = Annotated[float | Literal["auto"], or_auto(Spoken, "a positive number of seconds")]
+Settings = Annotated[tuple[Setting, ...], BeforeValidator(read_settings)]
 Count = Annotated[
     int | Literal["auto"], or_auto(Annotated[SpokenWhole, Field(gt=0)], "a whole number from 1 on")
 ]
@@ -184,7 +184,7 @@ class RunConfig(SharedConfig):
     """Nodes along an edge of an element."""
     precision: Literal["float64", "float32"] = "float64"
     """Number type of the state."""
-    settings: Annotated[tuple[Setting, ...], BeforeValidator(read_settings)] = ()
+    settings: Settings = ()
     """Change an effect (viscosity.nu=1e5), the scene (scene.alpha=0.5) or an option of the stepper
     (stepper.tolerance=1e-4); repeatable."""
     diagnostics: tuple[FileName, ...] = ()
@@ -233,7 +233,7 @@ class RunConfig(SharedConfig):
         Raises ConfigError for a value that is also set by a separate field, such as `alpha`.
         """
         values = by_owner(self.settings).get(owner, {})
-        for name in {SCENE: ("alpha",), STEPPER: ("preconditioner", "tolerance")}.get(owner, ()):
+        for name in (name for name, of in FIELD_OWNERS.items() if of == owner):
             if (value := getattr(self, name)) is not None:
                 if name in values:
                     raise ConfigError(f"{name} is given twice: by {name} and by set {owner}.{name}")

@@ -19,6 +19,7 @@ from swe_sphere.files.fingerprints import SCENE_FILE, file_fingerprint
 from swe_sphere.files.user_file import cause, check_trusted, file_contents, is_user_file
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
+from swe_sphere.settings.values import overridden
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.planning import RunPlan
 from swe_sphere.testcases.user_scenes import scene_files
@@ -186,7 +187,7 @@ class Restart:
                         f"{file} has been edited since {self.path} was begun: give it again"
                         f" (--diagnostics {file})"
                     )
-        return make_config(kept | config.given() | {"restart": self.path})
+        return make_config(overridden(kept, config.given()) | {"restart": self.path})
 
     def check(self, identity: dict[str, object]) -> None:
         """Raise ConfigError with the first difference between a run and the earlier one."""

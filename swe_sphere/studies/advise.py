@@ -84,7 +84,6 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
 
     apart = {"error", "budget", "steppers"}
     common = question.model_dump(exclude=apart, exclude_unset=True, exclude_none=True)
-    common |= {"settings": [*map(str, question.settings)]}
     space = Discretisation(make_config(common))
     whole = days = space.scene.days if question.days is None else question.days
     seconds_a_day = RUNS * _seconds_a_day(space, common)

@@ -20,8 +20,8 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import write_whole
 from swe_sphere.files.fingerprints import processor, versions
 from swe_sphere.io.integrals import DRIFTS, Norms
-from swe_sphere.settings.values import read_toml
-from swe_sphere.simulation.config import RunConfig
+from swe_sphere.settings.values import flag_of, read_toml
+from swe_sphere.simulation.config import RunConfig, SharedConfig
 from swe_sphere.studies.record_store import ENDS, Record, Store, as_netcdf, read_record
 from swe_sphere.studies.sweep.runs import Role, Study
 
@@ -34,6 +34,8 @@ CLOCKS = ("cpu_seconds", "wall_seconds")
 """Clocks by which runs on a CPU, and on other devices, are compared."""
 MESH, COUNTS, WORDS = _ROWS["mesh"], _ROWS["counts"], _ROWS["words"]
 """Names of the columns of a row: settings of the mesh, counts, and words."""
+OTHERS = (*sorted(SharedConfig.model_fields.keys() - MESH), "tolerance")
+"""Options of a run without a column; those that differ from the default are in `settings`."""
 UNITS = {name: unit for unit, names in _ROWS["units"].items() for name in names}
 """Numbers of a row with their units; further numbers of a run have no unit."""
 
@@ -208,13 +210,15 @@ def write_dataset(folder: Path) -> xr.Dataset:
 
 def _row(run: RunRecord, scene: str) -> dict[str, Any]:
     """Return a line of the table of records."""
-    config = run.config
+    config, fields = run.config, RunConfig.model_fields
+    others = [name for name in OTHERS if getattr(config, name) != fields[name].default]
+    settings = [*config.settings, *(f"{flag_of(name)}={getattr(config, name)}" for name in others)]
     return {
         **dict.fromkeys((*UNITS, *CLOCKS)), **run.numbers,
         **{name: getattr(config, name) for name in ("stepper", "dt", *MESH)},
         **{name: getattr(run, name) for name in ("role", "status", "reason", "jobs")},
         "scene": scene, "preconditioner": config.preconditioner or "",
-        "settings": " ".join(map(str, config.settings)), "days_planned": config.days,
+        "settings": " ".join(map(str, settings)), "days_planned": config.days,
     }  # fmt: skip
 
 

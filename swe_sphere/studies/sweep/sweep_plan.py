@@ -11,7 +11,14 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from swe_sphere.equations.scene import MOST_ELEMENTS, Scene
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.user_file import is_custom, is_user_file
-from swe_sphere.settings.values import by_field, names_in, read_toml, validated
+from swe_sphere.settings.values import (
+    by_field,
+    names_in,
+    overridden,
+    read_settings,
+    read_toml,
+    validated,
+)
 from swe_sphere.simulation.build import check_mesh, make_scene
 from swe_sphere.simulation.config import (
     Days,
@@ -19,6 +26,7 @@ from swe_sphere.simulation.config import (
     Number,
     Positive,
     RunConfig,
+    Settings,
     SharedConfig,
     Spoken,
     SpokenWhole,
@@ -127,7 +135,7 @@ class SweepPlan(SharedConfig):
     """Lat-lon reference solution of a report day; repeatable."""
     slow: bool | None = None
     """Compute the slow-flow error; the default is true if the initial state sheds waves."""
-    settings: Listed[str] = ()
+    settings: Settings = ()
     """Change an effect or the scene; repeatable."""
     name: Annotated[str, AfterValidator(_of_folder)] = ""
     """Name of its folder in a recipe; empty: the name of the scene."""
@@ -208,7 +216,7 @@ class Recipe:
         if not chosen:
             scenes = ", ".join(str(values.get("scene")) for values in self.sweeps)
             raise ConfigError(f"the recipe has no scene {scene!r}; it has {scenes}")
-        return [make_plan(values | {**flags}) for values in chosen]
+        return [make_plan(overridden(values, flags)) for values in chosen]
 
 
 def load_recipe(name: str) -> Recipe:
@@ -250,8 +258,8 @@ def _combinations(path: Path, sweep: dict[str, Any]) -> Iterator[dict[str, Any]]
     for values in product(*each.values()):
         chosen = {key: value for key, value in zip(each, values, strict=True) if value != ""}
         words = [f"{key.rpartition('.')[2]}{value}" for key, value in chosen.items()]
-        settings = [*_listed(sweep.get("set", ()))]
-        settings += [f"{key}={value}" for key, value in chosen.items() if "." in key]
+        settings = [*read_settings(sweep.get("set", ()))]
+        settings += read_settings({key: value for key, value in chosen.items() if "." in key})
         made = sweep | {key: value for key, value in chosen.items() if "." not in key}
         if each:
             made["name"] = "-".join([folder_of({"scene": sweep.get("scene")}), *words])
