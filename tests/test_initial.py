@@ -132,6 +132,18 @@ def test_what_is_prescribed_in_time_continues_from_the_time_of_the_frame(tmp_pat
         assert np.allclose(half.state[field], whole.state[field], rtol=1e-13, atol=1e-13), field
 
 
+@pytest.mark.parametrize("in_files", [False, True])
+def test_times_of_runs_that_begin_from_one_another_add_up(tmp_path, in_files):
+    state = None
+    for leg in range(3):
+        sim = Simulation("williamson4", ne=2, np=4, dt=1800.0, initial=state)
+        sim.run(days=0.25, out=tmp_path / f"{leg}.nc" if in_files else None)
+        state = tmp_path / f"{leg}.nc" if in_files else sim.to_xarray()
+    one = Simulation("williamson4", ne=2, np=4, dt=1800.0)
+    one.run(days=0.75)
+    np.testing.assert_allclose(sim.state.h, one.state.h, rtol=1e-13)
+
+
 def test_a_run_is_resumed_from_the_state_that_it_began_from(made, tmp_path):
     path, _ = made
     out, other = tmp_path / "b.nc", tmp_path / "c.nc"

@@ -33,6 +33,28 @@ def simulation(**more):
     return Simulation("williamson6", **(SMALL | more))
 
 
+def test_a_rounded_fraction_of_an_hour_is_that_fraction_in_further_files_too(tmp_path):
+    sim = Simulation("williamson6", ne=2, np=4)
+    sim.run(days=0.25, every=0.333333, outputs=[Output(tmp_path / "a.nc", every=0.333333)])
+    assert sim.plan.dt == 1200.0 and len(hours(tmp_path / "a.nc")) == 19
+
+
+def test_a_picture_of_a_further_file_shows_a_field_of_that_file(tmp_path):
+    outputs = [Output(tmp_path / f"{name}.nc", fields=name) for name in ("u", "vorticity")]
+    simulation(fields="h,u").run(days=0.25, out=tmp_path / "h.nc", outputs=outputs)
+    for name in ("h", "u", "vorticity"):
+        with open_run(tmp_path / f"{name}.nc") as data:
+            assert data.attrs.get("plot_field", "h") == name
+
+
+def test_a_run_between_two_steps_of_the_requested_length_states_where_it_is():
+    sim = Simulation("williamson5", ne=2, np=4, dt=1000.0)
+    for days in (0.3, 0.33):
+        sim.run(days=days, every=5)
+    with pytest.raises(ConfigError, match="no step of 720 s from day 0.33 on ends at a multiple"):
+        sim.run(days=0.66, every=5)
+
+
 def hours(path):
     with open_run(path) as data:
         return (data.time.values / HOUR).tolist()

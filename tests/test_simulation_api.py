@@ -410,6 +410,26 @@ def test_schedules_that_cannot_be(call):
         call()
 
 
+def test_frames_and_checkpoints_have_the_state_that_a_callback_leaves(tmp_path):
+    @every(hours=6)
+    def brake(sim):
+        values = sim.stepper.state.numpy().copy()
+        values[: 2 * sim.mesh.size] *= 0.9
+        sim.stepper.state.assign(values)
+
+    def small():
+        return Simulation("williamson2", ne=2, np=4, dt=1800.0)
+
+    whole, part = small(), small()
+    whole.run(days=0.5, callbacks=[brake])
+    part.run(days=0.25, every=6, out=tmp_path / "a.nc", callbacks=[brake])
+    with open_run(tmp_path / "a.nc") as data:
+        assert np.array_equal(data.u.values[-1], part.state.u.values)
+    again = Simulation.from_checkpoint(tmp_path / "a.nc")
+    again.run(days=0.5, callbacks=[brake])
+    assert np.array_equal(again.state.u, whole.state.u)
+
+
 def test_a_callback_must_be_callable():
     with pytest.raises(ConfigError, match="a callback must be a function, got 3"):
         small().run(days=0.1, callbacks=[3])

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from swe_sphere.equations.effects import Relaxation
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import norms
@@ -254,3 +255,11 @@ def test_the_table_tells_of_tracers_and_not_of_the_energy_of_a_given_wind():
         assert summary.as_dict()[name] is None
     before = dict(run_scene(make_config(short | {"days": 1.0})).rows())
     assert before["tracer cosine_bells"].startswith("min ")
+
+
+def test_an_effect_that_changes_the_depth_leaves_no_exact_tracers():
+    scene = get_scene("deformational", case=3)
+    assert scene.exact_tracers is not None
+    changed = scene.with_effect(Relaxation(43200.0))
+    assert (changed.exact, changed.exact_tracers) == (None, None)
+    assert scene.without_effect("prescribed-wind").exact_tracers is None

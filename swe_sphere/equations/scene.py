@@ -174,7 +174,7 @@ class Scene:
         elif effect.needs == "equilibrium" and self.equilibrium is None:
             changes["equilibrium"] = lambda lon, lat: self.initial(lon, lat)[2]
         if isinstance(effect, PointwiseEffect) and effect not in self.effects:
-            changes["exact"] = None
+            changes |= {"exact": None, "exact_tracers": None}
         return replace(self, **changes)
 
     def without_effect(self, name: str) -> Self:
@@ -190,7 +190,7 @@ class Scene:
         if name == "tracers":
             changes = {"exact_tracers": None}
         elif not effect.dissipation:
-            changes = {"exact": None}
+            changes = {"exact": None, "exact_tracers": None}
         kept = tuple(e for e in self.effects if e.name != name)
         return self._with_only(kept, effect, **changes)
 

@@ -8,7 +8,7 @@ import math
 import os
 import sys
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial, reduce
@@ -290,6 +290,8 @@ class Initial:
 
     origin, identity, history = "a function", "a function", ""
     """Origin of the state, a short name that equal states share, and the history of its file."""
+    time_offset = 0.0
+    """Time of the scene at the beginning of the run [s]."""
 
     def __init__(self, given: Any, day: float | None) -> None:
         import xarray as xr  # slow to import
@@ -310,6 +312,7 @@ class Initial:
             also = "" if day is None else "; initial-time chooses a frame of it"
             raise _unfit("initial", "a file, a dataset or a function", given, also)
         self._run, self._time, digest = run, run.nearest(time), hashlib.sha256()
+        self.time_offset = self._time + float(run.attributes.get("time_offset", 0.0))
         self._fields = run.frame(self._time)
         for field, values in sorted(self._fields.items()):
             digest.update(field.encode() + numpy.ascontiguousarray(values).tobytes())
@@ -341,8 +344,12 @@ class Initial:
             changes["tracers"] = tracers | {k: partial(self._at, q) for k, q in known.items()}
         for name in ("wind", "forcing"):
             if (field := getattr(scene, name)) is not None:
-                changes[name] = lambda lon, lat, t, of=field.function: of(lon, lat, t + self._time)
+                changes[name] = partial(self._later, field.function)
         return replace(scene, **changes)
+
+    def _later(self, field: Callable[..., Any], lon: Array, lat: Array, t: float) -> Any:
+        """Return a prescribed field at t [s] after the beginning of this run."""
+        return field(lon, lat, t + self.time_offset)
 
     def _state(self, moves: bool, lon: Array, lat: Array) -> tuple[Any, Any, Array]:
         """Return u, v [m s-1] and h [m]; moves: False if the wind is prescribed."""

@@ -25,6 +25,7 @@ from swe_sphere.settings.values import (
     read_settings,
     validated,
 )
+from swe_sphere.simulation.planning import meant_hours
 
 
 def or_auto(kind: Any, words: str) -> BeforeValidator:
@@ -102,7 +103,7 @@ class Output:
 
     path: Annotated[FileName, AfterValidator(Path.absolute)]
     """Name of the file: netCDF, or a Zarr store if it ends in .zarr."""
-    every: Hours | None = None
+    every: Annotated[Hours, AfterValidator(lambda h: float(meant_hours(h)))] | None = None
     """Time between frames [h]; None: the times of the frames of the run."""
     fields: Names = ()
     """Fields to write, as in `RunConfig.fields`."""

@@ -60,6 +60,10 @@ class Interruption:
         self._handlers.close()
 
 
+def _may_change_states(observer: Observer) -> bool:
+    return isinstance(observer, Callback) or is_custom(type(observer))
+
+
 TICK = 0.1
 """Seconds between two ticks of the observers."""
 
@@ -80,7 +84,9 @@ class Loop:
         interruption: Interruption,
         since: float | None = None,
     ) -> None:
-        self.sim, self.plan, self.observers = sim, sim.plan, observers
+        # files come last, so that they contain the state that callbacks and custom observers leave
+        self.observers = sorted(observers, key=lambda each: not _may_change_states(each))
+        self.sim, self.plan = sim, sim.plan
         self.health, self.interruption = HealthCheck(sim), interruption
         self.time_limit = math.inf if time_limit is None else time_limit
         self._limit, self._since = sim.wall_seconds + self.time_limit, since
@@ -109,7 +115,7 @@ class Loop:
                     if self.sim.steps != steps:
                         what = "has stepped, run or reset the simulation during its run"
                         raise RunFailed(f"{label(observer)} {what}: do so after the run")
-                    if isinstance(observer, Callback) or is_custom(type(observer)):
+                    if _may_change_states(observer):
                         norm = self.health.norm  # the observer may have changed the state
                         self.health.observe(self.sim.snapshot, observer)
                         if self.health.norm != norm:

@@ -209,7 +209,6 @@ class Recorder(Observer):
         from swe_sphere.io.netcdf import FrameWriter  # netCDF4 is slow to import
 
         sim, plan, output, config = self.sim, self.plan, self._output, self.sim.config
-        attributes = {"run_id": sim.run_id or uuid.uuid4().hex} | sim.attributes()
         transform, ahead = None, plan.steps - sim.steps
         due = ahead // plan.frame_steps + ahead // plan.interval(SAMPLES)
         if output is None:
@@ -223,6 +222,7 @@ class Recorder(Observer):
                 grid = parse_grid(output.grid)
                 at = Interpolator(sim.mesh, *grid.points)
                 transform = partial(on_grid, at=at, grid=grid)
+        attributes = {"run_id": sim.run_id or uuid.uuid4().hex} | sim.attributes(only)
         self._writer = FrameWriter(
             path, sim.mesh, attributes, bottom=sim.model.bottom, coriolis=sim.model.coriolis,
             tracers=sim.scene.tracers or (), samples=min(ahead, due + 3) + 1, only=only,

@@ -32,7 +32,7 @@ MEANT = 5e-5
 class RunPlan:
     """Equal steps up to the end of a run; a few of another length may come first and last.
 
-    number of steps   0 ... first ............. whole ....... steps
+    number of steps   0 ... first .......... tail_begin ..... steps
     length of each      lead   |       dt         |    last
     time [s]                 origin                          the end
     """
@@ -220,19 +220,20 @@ def led_plan(plan: RunPlan, done: int, now: float, also: Sequence[float] = ()) -
 
 
 def _interval(length: Fraction, every: float | Fraction | None, dt: float) -> Fraction:
-    """Return the time between frames [s]: as requested, else the part of the run nearest a day.
-
-    A number of hours that is a rounded fraction stands for that fraction: 0.333333 for 1/3.
-    """
+    """Return the time between frames [s]: as requested, else the part of the run nearest a day."""
     if every is None:
         return length / max(1, round(length / max(Fraction(DAY), Fraction(dt))))
-    fraction = every if isinstance(every, Fraction) else Fraction(every).limit_denominator(60)
-    if fraction > 0 and abs(fraction - Fraction(every)) < MEANT:
-        return min(length, 3600 * fraction)
-    return min(length, _as_fraction(every * HOUR))
+    return min(length, _as_fraction(3600 * meant_hours(every)))
 
 
-def _as_fraction(seconds: float) -> Fraction:
+def meant_hours(hours: float | Fraction) -> Fraction:
+    """Return the fraction of an hour for which a rounded number stands: 1/3 for 0.333333."""
+    near = Fraction(hours).limit_denominator(60)
+    is_meant = near > 0 and abs(near - Fraction(hours)) < MEANT
+    return near if is_meant and not isinstance(hours, Fraction) else Fraction(hours)
+
+
+def _as_fraction(seconds: float | Fraction) -> Fraction:
     """Return the nearest fraction of seconds with a denominator of at most a thousand."""
     fraction = Fraction(seconds).limit_denominator(1000)
     if fraction <= 0:
@@ -251,7 +252,12 @@ def common_measure(a: Fraction, b: Fraction) -> Fraction:
 def _check_whole(name: str, length: float, dt: float, origin: float) -> None:
     """Raise ConfigError unless steps of dt from the origin meet all multiples of a length [s]."""
     steps, ahead = round(length / dt), -origin % length / dt
-    if steps < 1 or max(abs(steps * dt - length) / dt, abs(ahead - round(ahead))) > 1e-6:
+    if steps >= 1 and abs(steps * dt - length) / dt <= 1e-6 < abs(ahead - round(ahead)):
+        raise ConfigError(
+            f"{name}: no step of {dt:g} s from day {origin / DAY:g} on ends at a multiple of"
+            f" {length / HOUR:g} h: leave {name} out, or take dt=auto"
+        )
+    if steps < 1 or abs(steps * dt - length) / dt > 1e-6:
         nearest = sorted({max(1, math.floor(length / dt)), math.ceil(length / dt)})
         raise ConfigError(
             f"{name}: {length / HOUR:g} h is not a whole number of steps of {dt:g} s:"

@@ -693,11 +693,11 @@ class Simulation(NotCopyable):
             "launch": self.model.shape,
         }
 
-    def attributes(self) -> dict[str, object]:
-        """Return the resolved configuration: the attributes of a file of the run."""
+    def attributes(self, fields: Sequence[str] = ()) -> dict[str, object]:
+        """Return the resolved configuration: the attributes of a file with some or all fields."""
         begun, known = self.initial, self.identity | self._method()
         if begun is not None:
-            known |= {"origin": begun.origin, "history": begun.history}
+            known |= {name: getattr(begun, name) for name in ("origin", "history", "time_offset")}
         return {
             "references": self.scene.reference,
             **{name: value for name, value in known.items() if value is not None},
@@ -708,18 +708,18 @@ class Simulation(NotCopyable):
             "days": self.days,
             "start_step": self.steps,
             "user_diagnostics": {name: one.long_name for name, one in DIAGNOSTICS.items()},
-            **self._plot_field(),
+            **self._plot_field(fields),
         }
 
-    def _plot_field(self) -> dict[str, str]:
+    def _plot_field(self, fields: Sequence[str]) -> dict[str, str]:
         """Return what a picture shows by default: the first tracer where the wind is prescribed.
 
         A file that lacks that field, or else depth, shows the first of its fields.
         """
         carried = None if self.scene.wind is None else self.scene.tracers
         usual = f"q_{next(iter(carried))}" if carried else "h"
-        if self.config.fields and usual not in self.config.fields:
-            return {"plot_field": self.config.fields[0]}
+        if fields and usual not in fields:
+            return {"plot_field": fields[0]}
         return {"plot_field": usual} if carried else {}
 
     @property
