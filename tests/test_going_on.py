@@ -310,6 +310,13 @@ def test_a_run_without_depth_has_a_picture(tmp_path):
     assert run_scene(make_config(asked)).exit_status == 0 and (tmp_path / "run.png").exists()
 
 
+def test_a_file_that_loses_its_first_frames_to_a_longer_run_is_warned_of(tmp_path):
+    sim, path = small(), tmp_path / "run.nc"
+    sim.run(days=0.25, out=path, overwrite=True)
+    with pytest.warns(UserWarning, match=r"is replaced and begins at day 0\.25: leave overwrite"):
+        sim.run(days=0.5, out=path, overwrite=True)
+
+
 def test_a_cell_of_a_notebook_can_be_run_again(tmp_path):
     sim = Simulation("williamson6", ne=2, np=4, dt=1800.0)
     first, again = (sim.run(days=0.25, out=tmp_path / "a.nc", overwrite=True) for _ in range(2))

@@ -51,7 +51,7 @@ def test_a_run_between_two_steps_of_the_requested_length_states_where_it_is():
     sim = Simulation("williamson5", ne=2, np=4, dt=1000.0)
     for days in (0.3, 0.33):
         sim.run(days=days, every=5)
-    with pytest.raises(ConfigError, match="no step of 720 s from day 0.33 on ends at a multiple"):
+    with pytest.raises(ConfigError, match=r"no step of 720 s from day 0.33 on ends at a multiple"):
         sim.run(days=0.66, every=5)
 
 

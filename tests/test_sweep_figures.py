@@ -121,3 +121,8 @@ def test_what_is_not_there_is_one_clear_line(dataset):
     with pytest.raises(ConfigError, match="not one of a sweep"):
         dataset.drop_vars("stepper").sweep.plot_limits()
     assert swe_sphere.studies.sweep.SweepFigures
+
+
+def test_a_single_run_has_a_figure(dataset):
+    axes = dataset.isel(run=0).sweep.plot_cost()
+    assert axes.get_ylabel() == dataset.isel(run=[0]).sweep.plot_cost().get_ylabel()

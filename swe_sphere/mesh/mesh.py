@@ -75,13 +75,9 @@ class Mesh:
 
     @staticmethod
     def build(
-        ne: int,
-        np: int,
-        radius: float = EARTH.radius,
-        stretch: float = 1.0,
-        centre: tuple[float, float] = (0.0, 0.0),
-        spin: float = 0.0,
-    ) -> "Mesh":
+        ne: int, np: int, radius: float = EARTH.radius, stretch: float = 1.0,
+        centre: tuple[float, float] = (0.0, 0.0), spin: float = 0.0,
+    ) -> "Mesh":  # fmt: skip
         """Build the cubed sphere of 6 ne^2 elements with np x np GLL nodes each.
 
         radius [m]; centre = (lon, lat) [degrees] is the position of the centre of cube face 0; spin

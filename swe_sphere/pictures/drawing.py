@@ -72,13 +72,9 @@ class Drawing:
     """Drawing of a field of a source, or of its difference from `against`, on the grid of a map."""
 
     def __init__(
-        self,
-        source: Source,
-        field: str,
-        look: Look,
-        grid: MapGrid,
+        self, source: Source, field: str, look: Look, grid: MapGrid,
         against: Source | Exact | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.source, self.field, self.look, self.against = source, field, look, against
         self.grid, kind = grid, describe(field, source.about.get(field))
         if field in source.about and field not in FIELDS and not field.startswith(TRACER):
@@ -108,12 +104,9 @@ class Drawing:
         return evaluate(self._sampler, self.source.state(time), field)
 
     def draw(
-        self,
-        axes: GeoAxes,
-        time: float | None,
-        ends: tuple[float, float] | None = None,
+        self, axes: GeoAxes, time: float | None, ends: tuple[float, float] | None = None,
         within: bool = False,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Draw the field at a time [s] on the map to which the grid belongs.
 
         ends: ends of the colour scale, unless the look sets limits. within: the map belongs to a

@@ -32,14 +32,10 @@ DOTS_PER_INCH, FILM_DOTS_PER_INCH = 160, 100
 
 
 def plot_file(
-    path: str | os.PathLike[str],
-    field: str | None = None,
-    time: float | None = None,
-    out: str | os.PathLike[str] | None = None,
-    look: Look | None = None,
-    against: Source | Exact | None = None,
-    overwrite: bool = False,
-) -> Path:
+    path: str | os.PathLike[str], field: str | None = None, time: float | None = None,
+    out: str | os.PathLike[str] | None = None, look: Look | None = None,
+    against: Source | Exact | None = None, overwrite: bool = False,
+) -> Path:  # fmt: skip
     """Draw a field of a file on the globe, with its series of errors and drifts below.
 
     field: a name in `scalar_fields.FIELDS` or in the file; None: the attribute `plot_field` of the
@@ -94,12 +90,9 @@ def size(axes: GeoAxes, panel: bool = False) -> tuple[float, float]:
 
 
 def draw_state(
-    state: Nodal,
-    field: str | None = None,
-    ax: GeoAxes | None = None,
-    look: Look | None = None,
+    state: Nodal, field: str | None = None, ax: GeoAxes | None = None, look: Look | None = None,
     time: float | None = None,
-) -> GeoAxes:
+) -> GeoAxes:  # fmt: skip
     """Draw a state in memory on a map; return the map.
 
     field, look: as for `plot_file`. time: the frame [s]; None for the last. ax: axes of cartopy,
@@ -130,13 +123,10 @@ def draw_state(
 
 
 def animate_file(
-    path: str | os.PathLike[str],
-    field: str | None = None,
-    out: str | os.PathLike[str] | None = None,
-    look: Look | None = None,
-    rate: float = 8.0,
+    path: str | os.PathLike[str], field: str | None = None,
+    out: str | os.PathLike[str] | None = None, look: Look | None = None, rate: float = 8.0,
     overwrite: bool = False,
-) -> Path:
+) -> Path:  # fmt: skip
     """Draw all frames of a run as a film, with one colour scale.
 
     field, look: as for `plot_file`. out: a name ending in .gif, or in .mp4, which needs the package

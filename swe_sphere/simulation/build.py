@@ -53,14 +53,9 @@ DECISIVE = [
 
 
 def read_arguments(
-    scene: Any,
-    mesh: Any,
-    effects: Any,
-    parameters: Any,
-    options: Any,
-    settings: object = (),
+    scene: Any, mesh: Any, effects: Any, parameters: Any, options: Any, settings: object = (),
     **values: Any,
-) -> tuple[RunConfig, dict[str, Any]]:
+) -> tuple[RunConfig, dict[str, Any]]:  # fmt: skip
     """Return the configuration in the arguments of `Simulation`, and classes and objects by name.
 
     Raises ConfigError if an object is not of the requested kind, an argument belongs elsewhere,

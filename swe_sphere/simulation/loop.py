@@ -77,13 +77,9 @@ class Loop:
     """
 
     def __init__(
-        self,
-        sim: Any,
-        observers: Sequence[Observer],
-        time_limit: float | None,
-        interruption: Interruption,
-        since: float | None = None,
-    ) -> None:
+        self, sim: Any, observers: Sequence[Observer], time_limit: float | None,
+        interruption: Interruption, since: float | None = None,
+    ) -> None:  # fmt: skip
         # files come last, so that they contain the state that callbacks and custom observers leave
         self.observers = sorted(observers, key=lambda each: not _may_change_states(each))
         self.sim, self.plan = sim, sim.plan

@@ -107,14 +107,9 @@ def free_steps(days: float, dt: float) -> RunPlan:
 
 
 def time_plan(
-    days: float,
-    every: float | Fraction | None,
-    dt: float,
-    also: Sequence[float] = (),
-    cycle: int = 1,
-    fewer: bool = False,
-    automatic: bool = False,
-) -> RunPlan:
+    days: float, every: float | Fraction | None, dt: float, also: Sequence[float] = (),
+    cycle: int = 1, fewer: bool = False, automatic: bool = False,
+) -> RunPlan:  # fmt: skip
     """Return the plan of a new run.
 
     days: length of the run [days]; 0 for a plan without a step.  every: time between frames [h];
@@ -252,16 +247,16 @@ def common_measure(a: Fraction, b: Fraction) -> Fraction:
 def _check_whole(name: str, length: float, dt: float, origin: float) -> None:
     """Raise ConfigError unless steps of dt from the origin meet all multiples of a length [s]."""
     steps, ahead = round(length / dt), -origin % length / dt
-    if steps >= 1 and abs(steps * dt - length) / dt <= 1e-6 < abs(ahead - round(ahead)):
-        raise ConfigError(
-            f"{name}: no step of {dt:g} s from day {origin / DAY:g} on ends at a multiple of"
-            f" {length / HOUR:g} h: leave {name} out, or take dt=auto"
-        )
     if steps < 1 or abs(steps * dt - length) / dt > 1e-6:
         nearest = sorted({max(1, math.floor(length / dt)), math.ceil(length / dt)})
         raise ConfigError(
             f"{name}: {length / HOUR:g} h is not a whole number of steps of {dt:g} s:"
             f" choose {' or '.join(f'{n * dt / HOUR:.9g}' for n in nearest)} h, or dt=auto"
+        )
+    if abs(ahead - round(ahead)) > 1e-6:
+        raise ConfigError(
+            f"{name}: no step of {dt:g} s from day {origin / DAY:g} on ends at a multiple of"
+            f" {length / HOUR:g} h: leave {name} out, or take dt=auto"
         )
 
 

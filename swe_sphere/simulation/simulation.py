@@ -565,6 +565,12 @@ class Simulation(NotCopyable):
             HealthCheck(self).observe(self.snapshot)  # no spoilt state replaces the last good one
         if config.out is not None:
             wanted.insert(0, None)
+            if config.overwrite and self.steps and self._continues == config.out.resolve():
+                day = f"{self.time / DAY:.4g}"
+                self.warn(
+                    f"out: {config.out} is replaced and begins at day {day}: leave overwrite"
+                    " out to continue the file, or call reset() before run()"
+                )
             self._continues = config.out.resolve()
         with ExitStack() as opened:
             for output in wanted:

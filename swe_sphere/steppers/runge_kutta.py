@@ -11,13 +11,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.simd.stages import mix
 from swe_sphere.operators.launch import in_runs
-from swe_sphere.steppers.stability import (
-    Complex,
-    check_order,
-    checked_tableau,
-    runge_kutta_growth,
-    tableau,
-)  # fmt: skip
+from swe_sphere.steppers import stability
 from swe_sphere.steppers.stepper import Stepper, read_methods
 
 
@@ -35,7 +29,7 @@ class RungeKutta(Stepper):
 
     @classmethod
     def complete(cls) -> None:
-        check_order(cls, checked_tableau(cls, "a", first=1, diagonal=False))
+        stability.check_order(cls, stability.checked_tableau(cls, "a", first=1, diagonal=False))
         cls.reach = 2.0 * len(cls.b)
 
     def __init__(self, model: Model, dt: float) -> None:
@@ -73,7 +67,7 @@ class RungeKutta(Stepper):
         If it has no share, the row's level contains all of that slope, for the rows below. Raises
         ConfigError if the last slope is unused.
         """
-        rows = tableau((*cls.a, cls.b), 1 + len(cls.b))[1:, :-1]
+        rows = stability.tableau((*cls.a, cls.b), 1 + len(cls.b))[1:, :-1]
         told = rows + np.diag(rows.diagonal() == 0.0)
         if not rows[-1, -1]:
             raise ConfigError(f"{cls.name}: the last number of `b` is 0: leave out the last stage")
@@ -81,10 +75,10 @@ class RungeKutta(Stepper):
             yield np.linalg.solve(told[:i, :i].T, row[:i]), row[i]
 
     @classmethod
-    def growth(cls, z_wave: Complex, z_dissipation: Complex) -> Array:
+    def growth(cls, z_wave: stability.Complex, z_dissipation: stability.Complex) -> Array:
         """Return |R(z)| for the sum z of both parts."""
-        a = tableau(cls.a, len(cls.b))
-        return runge_kutta_growth(np.array(cls.b), (a, z_wave + z_dissipation))
+        a = stability.tableau(cls.a, len(cls.b))
+        return stability.runge_kutta_growth(np.array(cls.b), (a, z_wave + z_dissipation))
 
 
 RK4, SSPRK3, KG5 = read_methods(RungeKutta)

@@ -24,14 +24,9 @@ ROUNDING = 1e-6
 
 
 def largest_step(
-    growth: Callable[[Complex, Complex], Array],
-    wave: float,
-    dissipation: float,
-    reach: float,
-    tolerance: float = TOLERANCE,
-    looks: int = 1,
-    growth_time: float = math.inf,
-) -> float:
+    growth: Callable[[Complex, Complex], Array], wave: float, dissipation: float, reach: float,
+    tolerance: float = TOLERANCE, looks: int = 1, growth_time: float = math.inf,
+) -> float:  # fmt: skip
     """Return the largest dt [s] up to which no mode grows by more than the tolerance in a step.
 
     `growth(z_wave, z_dissipation)` is the largest amplification factor for eigenvalues times dt of

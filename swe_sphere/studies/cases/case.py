@@ -281,12 +281,9 @@ def read_family(path: Path, defaults: Mapping[str, Any] | None = None) -> Family
 
 
 def choose(
-    folder: str,
-    names: Sequence[str] = (),
-    steppers: Sequence[str] = (),
-    quick: bool = False,
+    folder: str, names: Sequence[str] = (), steppers: Sequence[str] = (), quick: bool = False,
     launch: str | None = None,
-) -> list[Case]:
+) -> list[Case]:  # fmt: skip
     """Return cases of "verification" or "stability" in the order of the page.
 
     Args:

@@ -160,12 +160,9 @@ def count_outcomes(rows: Iterable[Row]) -> dict[str, int]:
 
 
 def run_cases(
-    cases: Sequence[Case],
-    known: Iterable[Measure] = (),
-    store: Store[Measure] | None = None,
-    jobs: int = 1,
-    tick: Tick | None = None,
-) -> Iterator[Row]:
+    cases: Sequence[Case], known: Iterable[Measure] = (), store: Store[Measure] | None = None,
+    jobs: int = 1, tick: Tick | None = None,
+) -> Iterator[Row]:  # fmt: skip
     """Run the cases and yield their rows in order.
 
     Args:

@@ -137,13 +137,9 @@ class Sweep:
     """
 
     def __init__(
-        self,
-        plan: SweepPlan,
-        folder: Path,
-        watcher: SweepWatcher,
-        own: Scene | None = None,
+        self, plan: SweepPlan, folder: Path, watcher: SweepWatcher, own: Scene | None = None,
         beside: bool = False,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._plan, self._folder, self._watcher = plan, folder, watcher
         self._study = study = Study(plan, own)
         store = runs_of(folder, f"-{os.getpid()}" if beside else "")

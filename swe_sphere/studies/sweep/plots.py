@@ -27,7 +27,7 @@ class SweepFigures:
     """
 
     def __init__(self, data: xr.Dataset) -> None:
-        self._data = data
+        self._data = data if "run" in data.dims else data.expand_dims("run")
 
     def plot_cost(
         self, ax: Axes | None = None, width: float = 84.0, kind: str | None = None

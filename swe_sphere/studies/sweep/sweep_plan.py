@@ -19,21 +19,9 @@ from swe_sphere.settings.values import (
     read_toml,
     validated,
 )
+from swe_sphere.simulation import config
 from swe_sphere.simulation.build import check_mesh, make_scene
-from swe_sphere.simulation.config import (
-    Days,
-    FileName,
-    Number,
-    Positive,
-    RunConfig,
-    Settings,
-    SharedConfig,
-    Spoken,
-    SpokenWhole,
-    Whole,
-    make_config,
-    or_auto,
-)
+from swe_sphere.simulation.config import RunConfig, SharedConfig, Spoken, make_config, or_auto
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS, get_stepper
@@ -77,7 +65,7 @@ def _of_folder(name: str) -> str:
 
 T = TypeVar("T")
 Listed = Annotated[tuple[T, ...], BeforeValidator(_listed)]
-Count = Annotated[SpokenWhole, Field(ge=0, le=MOST_ELEMENTS)]
+Count = Annotated[config.SpokenWhole, Field(ge=0, le=MOST_ELEMENTS)]
 Steps = Annotated[
     Literal["auto"] | tuple[float, ...],
     or_auto(Annotated[Listed[Spoken], Field(min_length=1)], "positive numbers of seconds"),
@@ -97,7 +85,7 @@ class SweepPlan(SharedConfig):
     """Steppers to compare: names, files, or families (explicit, imex, exponential, implicit)."""
     dt: Steps = "auto"
     """Time steps [s] of every stepper; auto (the default): a sequence for each."""
-    levels: Annotated[Whole, Field(ge=1, le=20)] = 6
+    levels: Annotated[config.Whole, Field(ge=1, le=20)] = 6
     """Number of steps in the sequence of auto."""
     ne: Listed[Count] = ()
     """Elements along an edge of the cube."""
@@ -107,19 +95,19 @@ class SweepPlan(SharedConfig):
     """float64, float32 or both."""
     preconditioner: Listed[str] = ()
     """Preconditioners of implicit steppers."""
-    tolerance: Annotated[Number, Field(ge=0.0, lt=1.0)] | None = None
+    tolerance: Annotated[config.Number, Field(ge=0.0, lt=1.0)] | None = None
     """Solver tolerance of implicit steppers."""
-    days: Annotated[Days, Field(gt=0.0)] | None = None
+    days: Annotated[config.Days, Field(gt=0.0)] | None = None
     """Length of the runs [days]."""
     report_days: Listed[Spoken] = ()
     """Times at which errors are measured [days], in addition to the end."""
-    repeats: Annotated[Whole, Field(ge=1, le=100)] = 3
+    repeats: Annotated[config.Whole, Field(ge=1, le=100)] = 3
     """Minimum number of timed runs of a setting; more while the two shortest differ by over 3 %."""
-    jobs: Annotated[Whole, Field(ge=1, le=MOST_JOBS)] = 1
+    jobs: Annotated[config.Whole, Field(ge=1, le=MOST_JOBS)] = 1
     """Number of parallel processes; with more than one, runs give errors only and no times."""
-    time_limit: Positive | None = None
+    time_limit: config.Positive | None = None
     """Wall time of the steps of one run [s]."""
-    budget: Positive | None = None
+    budget: config.Positive | None = None
     """Wall time that the steps of a search for an error may take together [s]."""
     find_limit: bool = False
     """Also search for the longest stable step of every stepper, to 2 %."""
@@ -131,11 +119,11 @@ class SweepPlan(SharedConfig):
     """Field of the error."""
     target_norm: Literal["l1", "l2", "linf"] = "l2"
     """Norm of the error."""
-    reference: Listed[FileName] = ()
+    reference: Listed[config.FileName] = ()
     """Lat-lon reference solution of a report day; repeatable."""
     slow: bool | None = None
     """Compute the slow-flow error; the default is true if the initial state sheds waves."""
-    settings: Settings = ()
+    settings: config.Settings = ()
     """Change an effect or the scene; repeatable."""
     name: Annotated[str, AfterValidator(_of_folder)] = ""
     """Name of its folder in a recipe; empty: the name of the scene."""
