@@ -156,9 +156,7 @@ def _coordinates(grid: Grid, radius: float) -> dict[str, Any]:
     zones = 4.0 * np.pi * radius**2 * shares / grid.lon.size
     area = np.repeat(zones[:, None], grid.lon.size, axis=1)
     named: dict[str, Any] = {"cell_area": (("lat", "lon"), area, about)}
-    for name, centre, edges in (
-        ("lat", grid.lat, grid.edges), ("lon", grid.lon, lon_edges),
-    ):  # fmt: skip
+    for name, centre, edges in (("lat", grid.lat, grid.edges), ("lon", grid.lon, lon_edges)):
         known = VARIABLES["coordinates"][name]
         about = {k: known[k] for k in ("standard_name", "units")} | {"bounds": f"{name}_bnds"}
         bounds = np.degrees(np.stack([edges[:-1], edges[1:]], axis=-1))

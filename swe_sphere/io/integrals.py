@@ -55,16 +55,13 @@ def norms(area: Array, numeric: ArrayLike, exact: ArrayLike) -> dict[str, float]
     }
 
 
+Fields = Mapping[str, Array]
+"""Values (N,) by name of the field."""
 Norms = dict[str, dict[str, float]]
 """Norms l1, l2 and linf by field."""
 
 
-def field_errors(
-    area: Array,
-    numeric: Mapping[str, Array],
-    exact: Mapping[str, Array],
-    bottom: Array | float = 0.0,
-) -> Norms:
+def field_errors(area: Array, numeric: Fields, exact: Fields, bottom: Array | float = 0.0) -> Norms:
     """Return the errors of depth "h" and, if both have them, of wind "v" and vorticity.
 
     numeric, exact: h [m] and perhaps u, v [m s-1] and vorticity [s-1], each (N,), at the same
@@ -180,16 +177,12 @@ def courant_numbers(mesh: Mesh, dt: float, now: Mapping[str, float]) -> dict[str
     }
 
 
-def tracer_masses(
-    mesh: Mesh, fields: Mapping[str, Array], names: Iterable[str]
-) -> dict[str, float]:
+def tracer_masses(mesh: Mesh, fields: Fields, names: Iterable[str]) -> dict[str, float]:
     """Return the area mean of hq [m] by tracer."""
     return {name: area_mean(mesh.area, fields[f"hq_{name}"]) for name in names}
 
 
-def tracer_numbers(
-    mesh: Mesh, fields: Mapping[str, Array], start: Mapping[str, float]
-) -> dict[str, float]:
+def tracer_numbers(mesh: Mesh, fields: Fields, start: Mapping[str, float]) -> dict[str, float]:
     """Return mass_drift_q_NAME, min_q_NAME and max_q_NAME of each tracer.
 
     start: initial masses. The drift is relative, and NaN if the initial mass is zero.
@@ -202,9 +195,6 @@ def tracer_numbers(
     return numbers
 
 
-def tracer_errors(
-    mesh: Mesh, fields: Mapping[str, Array], exact: Mapping[str, Array]
-) -> dict[str, float]:
+def tracer_errors(mesh: Mesh, fields: Fields, exact: Fields) -> dict[str, float]:
     """Return l1_q_NAME, l2_q_NAME and linf_q_NAME of each tracer; NaN if `exact` contains NaN."""
-    names = {name: f"q_{name}" for name in exact}
-    return by_name({q: norms(mesh.area, fields[q], exact[name]) for name, q in names.items()})
+    return by_name({f"q_{x}": norms(mesh.area, fields[f"q_{x}"], exact[x]) for x in exact})

@@ -17,20 +17,9 @@ from numpy.typing import ArrayLike
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, RunFailed, unknown_name
 from swe_sphere.files.durable import clear_errors
+from swe_sphere.io import layout
 from swe_sphere.io.checkpoint import Checkpoint, checkpoint_path, write_checkpoint
 from swe_sphere.io.growing import SUFFIX, GrowingFile, GrowingStore
-from swe_sphere.io.layout import (
-    LAYOUT_BYTES,
-    SERIES,
-    SUMMARY,
-    SUMMARY_BYTES,
-    VARIABLES,
-    file_dataset,
-    frame_dataset,
-    frame_fields,
-    history,
-    plain,
-)
 from swe_sphere.io.runfile import RunFile, checked, reading
 from swe_sphere.io.scalar_fields import FIELDS, POWER, derive
 from swe_sphere.mesh import Mesh
@@ -96,27 +85,27 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
                 )
             before, size = self._earlier.attributes, self.path.stat().st_size
             kept = {name: before[name] for name in KEPT if name in before}
-        basic = frame_fields(tracers) | {name: self._own[name] for name in own_fields or {}}
+        basic = layout.frame_fields(tracers) | {name: self._own[name] for name in own_fields or {}}
         self._profiles = {n: x for n, x in (own_fields or {}).items() if hasattr(x, "dims")}
         wanted = {*only} or {*basic}
         if transform is not None and wanted & {"u", "v"}:
             wanted |= {"u", "v"}  # interpolated as a vector
         every = {
             name: {"long_name": FIELDS[name].title, "units": POWER.sub(r"\1", FIELDS[name].units)}
-            for name in VARIABLES["derived"]
+            for name in layout.VARIABLES["derived"]
         } | basic
         for name in sorted(wanted.difference(every)):
             raise unknown_name("field", name, [*every])
         self._fields = {name: about for name, about in every.items() if name in wanted}
         begun = "" if kept or "origin" not in attributes else f" from {attributes['origin']}"
         lines = str(kept.get("history", attributes.get("history", "")))
-        line = history(f"run {attributes.get('scene', '')}{begun}", lines)
+        line = layout.history(f"run {attributes.get('scene', '')}{begun}", lines)
         about = {"run_id": uuid.uuid4().hex, **attributes, **kept, "history": line}
-        self._attributes = plain(about)
+        self._attributes = layout.plain(about)
         self.run_id = str(about["run_id"])
         """Identifier of the run; a resumed run keeps the identifier of the earlier run."""
         self._series: tuple[str, ...] = ()
-        size += (LAYOUT_BYTES + 8 * len(self._fields)) * mesh.size
+        size += (layout.LAYOUT_BYTES + 8 * len(self._fields)) * mesh.size
         place = self.path.resolve() if self.path.is_symlink() else self.path
         with clear_errors(f"cannot write {self.path}"):
             self._growing: GrowingFile | GrowingStore = (
@@ -144,7 +133,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         frame = None
         if self._transform is not None:
             every = {**fields, **values}
-            frame = frame_dataset(self._mesh, every, time, self._attributes, self._fields)
+            frame = layout.frame_dataset(self._mesh, every, time, self._attributes, self._fields)
             frame = self._transform(frame)
             values = {name: frame[name] for name in self._fields}
         values = {"time": np.array([time])} | {n: np.asarray(x) for n, x in values.items()}
@@ -182,7 +171,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         Entries that do not fit are omitted, from the end of the summary.
         """
         kept = dict(summary)
-        while len(text := json.dumps(kept, default=str)) > SUMMARY_BYTES:
+        while len(text := json.dumps(kept, default=str)) > layout.SUMMARY_BYTES:
             kept.popitem()
         with self._writing():
             self._growing.set_summary(text)
@@ -203,9 +192,10 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         series = {name: self._own.get(name) or about.get(name, {}) for name in self._series}
         times = times[times < self._from]
         if frame is not None:
-            data = frame.isel(time=slice(0)).assign_attrs({SUMMARY: " " * SUMMARY_BYTES})
+            space = {layout.SUMMARY: " " * layout.SUMMARY_BYTES}
+            data = frame.isel(time=slice(0)).assign_attrs(space)
         else:
-            data = file_dataset(
+            data = layout.file_dataset(
                 self._mesh, self._attributes, self._bottom, self._coriolis, self._fields, series,
                 self._samples + times.size, self._profiles,
             )  # fmt: skip
@@ -239,7 +229,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         if unknown := diagnostics.keys() - set(self._series):
             raise ValueError(f"the first frame had no diagnostics {', '.join(sorted(unknown))}")
         numbers = {name: diagnostics.get(name) for name in self._series}
-        return {SERIES: time} | {n: math.nan if x is None else x for n, x in numbers.items()}
+        return {layout.SERIES: time} | {n: math.nan if x is None else x for n, x in numbers.items()}
 
     @contextmanager
     def _writing(self, begins: bool = False) -> Iterator[None]:
