@@ -14,7 +14,7 @@ from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.fingerprints import SCENE_FILE
 from swe_sphere.io.integrals import Norms, norms
-from swe_sphere.io.layout import MESH_ATTRIBUTES, TRACER, in_python
+from swe_sphere.io.layout import TRACER, in_python
 from swe_sphere.io.runfile import TOLERANCE, RunFile, Source, checked, reading, table_in
 from swe_sphere.io.scalar_fields import Sampler, check_field, derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
@@ -95,6 +95,9 @@ class Reference(Source):
             return self.fields
         with reading(self.path) as data:
             return _fields(self.path, data, self.index(time))
+
+    def state(self, time: float | None = None) -> dict[str, Array]:
+        return self.frame(time) | {"area": self.area}
 
     def sampler(self, lon: Array, lat: Array) -> Sampler:
         return Spline(self, lon, lat)
@@ -187,13 +190,11 @@ class Exact:
         """Return a field (M,) at points lon, lat (M,) [rad]; ConfigError if it is unknown."""
         scene, mesh, now = self._scene, self._mesh, time or 0.0
         if field.startswith(TRACER):
-            name = field.removeprefix(TRACER)
+            key = field.removeprefix(TRACER)
             known = {} if scene.exact_tracers is None else scene.exact_tracers(lon, lat, now)
-            if name not in known:
-                raise ConfigError(
-                    f"no exact mixing ratio of {name!r} is known: compare with a file"
-                )
-            found: Array = known[name]
+            if key not in known:
+                raise ConfigError(f"no exact mixing ratio of {key!r} is known: compare with a file")
+            found: Array = known[key]
         elif scene.exact is None:
             raise ConfigError(f"{scene.name} has exact tracers only: name one")
         elif field in DERIVATIVES:
@@ -239,8 +240,8 @@ def compare(
         _check_scenes(ours, theirs)
     time = _common_time(ours, theirs) if time is None else time
     field = _common_field(ours, theirs, field)
-    runs = isinstance(ours, RunFile) and isinstance(theirs, RunFile)
-    if runs and all(ours.attributes[x] == theirs.attributes[x] for x in MESH_ATTRIBUTES):
+    nodes = [source.mesh.xyz for source in (ours, theirs) if isinstance(source, RunFile)]
+    if len(nodes) == 2 and np.array_equal(nodes[0], nodes[1]):
         found = ours.values(field, time)  # no interpolation: equal files have no error
     else:
         found = ours.at(field, *theirs.points, time)
