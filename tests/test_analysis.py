@@ -205,6 +205,145 @@ def test_times_that_xarray_has_decoded_are_seconds_again(run):
     assert spans.swe.frames.times.tolist() == [0.0, 600.0, 1200.0]
 
 
+@pytest.mark.parametrize("first", [0, 1])
+def test_times_that_xarray_saved_in_other_units_are_seconds(run, tmp_path, first):
+    """Without the encoding of the file xarray chooses units and counts from the first time."""
+    data = open_run(run)
+    with xr.open_dataset(run) as decoded:
+        hours = decoded.isel(time=slice(first, None)).load()
+        moved = {name: hours[name] + np.timedelta64(0, "h") for name in ("time", "diagnostic_time")}
+        moved["time"] = hours.time[0] + 6 * (hours.time - hours.time[0])
+        hours.assign_coords(moved).to_netcdf(tmp_path / "hours.nc")
+    with xr.open_dataset(tmp_path / "hours.nc", decode_times=False) as raw:
+        assert not raw.time.units.startswith("seconds")
+    expected = [[0.0, 3600.0, 7200.0], [600.0, 4200.0]][first]
+    saved = open_run(tmp_path / "hours.nc")
+    assert saved.time.values.tolist() == saved.swe.frames.times.tolist() == expected
+    assert saved.time.attrs["units"] == data.time.attrs["units"]
+    xr.testing.assert_equal(saved.mass, data.mass)
+    found = RunFile(tmp_path / "hours.nc")
+    assert found.times.tolist() == expected
+    assert found.series()[0].tolist() == [0.0, 600.0, 1200.0]
+    assert compare(tmp_path / "hours.nc", run)["time"] == [0.0, 600.0][first]
+    regrid_file(tmp_path / "hours.nc", "latlon:4x4", tmp_path / "grid.nc")
+    assert Reference(tmp_path / "grid.nc").times.tolist() == expected
+
+
+@pytest.mark.parametrize(
+    ("units", "factor"),
+    [
+        ("seconds", 1.0), ("s", 1.0), ("hours", 3600.0), ("days", 86400.0),
+        ("hours since 2000-1-1 00:00", 3600.0), ("minutes since 1999-12-31T23:59", 60.0),
+        ("nanoseconds since 2000-01-01 00:00:00", 1e-9),
+    ],
+)  # fmt: skip
+def test_units_of_times(data, units, factor):
+    late = 60.0 if "1999" in units else 0.0
+    given = data.assign_coords(time=("time", [(3600.0 + late) / factor], {"units": units}))
+    assert given.swe.frames.times.tolist() == pytest.approx([3600.0], rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    "units", ["fortnights", "1", "months since 2000-01-01", "hours since x", 3]
+)
+def test_units_that_are_none_of_times_are_refused(data, run, tmp_path, units):
+    with pytest.raises(ConfigError, match=r"the dataset: times must be in seconds, .*, got '") as e:
+        _ = data.assign_coords(time=("time", [1.0], {"units": units})).swe.frames
+    assert "\n" not in str(e.value)
+    shutil.copy(run, tmp_path)
+    with Dataset(tmp_path / "run.nc", "a") as file:
+        file["time"].units = units
+    for reader in (RunFile, open_run):
+        with pytest.raises(ConfigError, match=r"run.nc: times must be in seconds"):
+            reader(tmp_path / "run.nc")
+
+
+@pytest.mark.parametrize("calendar", ["standard", "noleap", "360_day"])
+def test_dates_of_cftime_are_seconds(run, calendar):
+    cftime = pytest.importorskip("cftime")
+    dates = cftime.num2date([0.0, 600.0, 1200.5], "seconds since 2000-01-01", calendar)
+    times = open_run(run).assign_coords(time=dates).swe.frames.times
+    assert times.tolist() == [0.0, 600.0, 1200.5]
+
+
+def test_packed_numbers_are_unpacked(run, tmp_path):
+    data, path = open_run(run), tmp_path / "packed.nc"
+    how = {"dtype": "int16", "scale_factor": 0.1, "add_offset": 5000.0, "_FillValue": -32768}
+    data.to_netcdf(path, encoding={"h": how})
+    with xr.open_dataset(path, mask_and_scale=False) as raw:
+        assert raw.h.dtype == np.int16
+    packed = open_run(path)
+    for found in (packed.h.values[-1], RunFile(path).values("h"), packed.swe.frames.values("h")):
+        np.testing.assert_allclose(found, data.h.values[-1], rtol=0.0, atol=0.051)
+    assert compare(path, run)["linf"] < 2e-5
+    assert packed.face_nodes.dtype == data.face_nodes.dtype == np.int32
+    with Dataset(path, "a") as file:
+        file.set_auto_maskandscale(False)
+        file["h"][2, 5] = -32768
+    with pytest.raises(ConfigError, match="1 values of h are missing"):
+        RunFile(path).values("h")
+
+
+def test_nodes_in_another_order_are_refused(run, tmp_path):
+    data = open_run(run)
+    placed = data.sortby("lat")
+    for make in (lambda ds: ds.to_latlon(9, 16), lambda ds: ds.error_norms(data),
+                 lambda ds: data.swe.error_norms(placed), lambda ds: ds.frames):  # fmt: skip
+        with pytest.raises(ConfigError, match=r"cannot use this dataset: its nodes .* order"):
+            make(placed.swe)
+    placed.to_netcdf(tmp_path / "sorted.nc")
+    for pair in ((run, tmp_path / "sorted.nc"), (tmp_path / "sorted.nc", run)):
+        with pytest.raises(ConfigError, match=r"sorted.nc: its nodes .* another order"):
+            compare(*pair)
+    with pytest.raises(ConfigError, match="shape"):
+        _ = data.drop_vars("lat").assign_coords(lat=("row", [0.0, 1.0])).swe.mesh
+    # other longitudes of the same places, in single precision, and datasets without longitudes
+    west = data.assign_coords(lon=((data.lon + 180.0) % 360.0 - 180.0).astype("float32"))
+    for same in (west, data.drop_vars("lon")):
+        np.testing.assert_array_equal(same.swe.mesh.xyz, data.swe.mesh.xyz)
+
+
+def test_fields_that_are_added_in_place_are_found(run):
+    data = open_run(run)
+    before = data.swe.frames
+    data["pv"] = data.swe.potential_vorticity()
+    assert "pv" not in before.about and "pv" in data.swe.frames.about
+    np.testing.assert_array_equal(data.swe.frames.values("pv"), data.pv.values[-1])
+    data["b"] = data.b + 1.0
+    np.testing.assert_array_equal(data.swe.frames.bottom, data.b)
+
+
+def test_constants_may_have_times(run, tmp_path):
+    """As after `xr.concat` of all variables, or means in time."""
+    data, path = open_run(run), tmp_path / "joined.nc"
+    parts = [data.isel(time=[k]) for k in range(3)]
+    xr.concat(parts, "time", data_vars="all", coords="minimal", compat="override").to_netcdf(path)
+    with xr.open_dataset(path) as joined:
+        assert joined.b.dims == joined.f.dims == ("time", "node")
+    here, there = RunFile(path), RunFile(run)
+    assert here.bottom.shape == (here.mesh.size,)
+    for name in ("h", "b", "f", "surface", "potential_vorticity_anomaly"):
+        np.testing.assert_array_equal(here.values(name, 600.0), there.values(name, 600.0))
+    assert compare(path, run, "surface")["linf"] == 0.0
+    assert regrid_file(path, "latlon:4x4", tmp_path / "grid.nc").exists()
+    np.testing.assert_array_equal(open_run(path).swe.frames.bottom, data.b)
+
+
+@pytest.mark.parametrize("chunks", ["x", {"time": "x"}, 1.5])
+def test_chunks_that_are_none_are_refused_in_one_line(run, chunks):
+    pytest.importorskip("dask")
+    with pytest.raises(ConfigError, match=r"cannot read .*run.nc in chunks") as error:
+        open_run(run, chunks=chunks)
+    assert "\n" not in str(error.value)
+
+
+def test_dask_chooses_chunks(run):
+    pytest.importorskip("dask")
+    found = open_run(run, chunks="auto")
+    assert found.h.chunks is not None
+    xr.testing.assert_equal(found.compute(), open_run(run))
+
+
 @pytest.mark.parametrize("grid", [lat_lon(30, 60), gaussian(12)])
 def test_points_of_a_grid_lie_within_the_bounds_of_their_cells(data, grid):
     found = data.swe.to_grid(grid)
@@ -477,6 +616,10 @@ def test_a_regridded_run_is_read_at_each_of_its_times(run, tmp_path):
             here = points.at(field, lon, lat, time)
             np.testing.assert_allclose(grid.at(field, lon, lat, time), here, atol=bound)
     assert compare(path, run)["time"] == 1200.0
+    anomaly = "potential_vorticity_anomaly"
+    for pair in ((path, run), (run, path)):
+        assert compare(*pair, anomaly)["linf"] < 1e-2
+    assert plot_file(path, anomaly, out=tmp_path / "anomaly.png").stat().st_size > 10_000
     assert plot_file(path, "h", 600.0, tmp_path / "h.png").stat().st_size > 10_000
     with pytest.raises(ConfigError, match=r"no frame at day 0\.1: the last ones are at day 0"):
         plot_file(path, "h", 8640.0)

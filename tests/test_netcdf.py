@@ -136,6 +136,17 @@ def test_a_run_goes_on_under_its_own_run_id_and_on_its_own_mesh_alone(written, m
     assert written.read_bytes() == before
 
 
+def test_a_run_resumes_in_a_file_with_times_in_hours(written, mesh):
+    """As xarray saves them when it has decoded them."""
+    with xarray.open_dataset(written) as decoded:
+        hours = decoded.load()
+    hours.assign_coords(time=hours.time + np.timedelta64(0, "h")).to_netcdf(written)
+    with FrameWriter(written, mesh, {}, append_from=7200.0) as writer:
+        writer.write(7200.0, frame(mesh, 1))
+        writer.write(10800.0, frame(mesh, 2))
+    assert RunFile(written).times.tolist() == [0.0, 7200.0, 10800.0]
+
+
 def test_history_and_coriolis(tmp_path, mesh):
     with FrameWriter(tmp_path / "run.nc", mesh, {"scene": "x"}, coriolis=mesh.lat) as writer:
         writer.write(0.0, frame(mesh, 0))

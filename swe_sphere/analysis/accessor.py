@@ -11,7 +11,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -22,7 +22,7 @@ from swe_sphere.analysis.regrid import Grid, gaussian, holding, lat_lon, on_grid
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import integrals, norms
-from swe_sphere.io.layout import MESH_ATTRIBUTES, START, VARIABLES, in_python, plain
+from swe_sphere.io.layout import MESH_ATTRIBUTES, TOPOLOGY, VARIABLES, decode, in_python, plain
 from swe_sphere.io.runfile import TOLERANCE, Nodal, RunFile, engine, mesh_of
 from swe_sphere.io.scalar_fields import check_field, derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
@@ -44,7 +44,9 @@ SPECTRA = {
 }
 
 
-def open_run(path: str | os.PathLike[str], chunks: Mapping[str, int] | None = None) -> xr.Dataset:
+def open_run(
+    path: str | os.PathLike[str], chunks: Mapping[str, int] | Literal["auto"] | None = None
+) -> xr.Dataset:
     """Return the file of a run as an xarray dataset: fields on (time, node), diagnostic series.
 
     Times are seconds since the start; attributes include the entries of the summary of the run.
@@ -52,8 +54,8 @@ def open_run(path: str | os.PathLike[str], chunks: Mapping[str, int] | None = No
 
     Args:
         path: netCDF file or Zarr store of a run.
-        chunks: None reads all data at once. {"time": 1} reads frames when they are needed, with
-            dask, which must be installed.
+        chunks: None reads all data at once. {"time": 1} or "auto" reads data when they are needed,
+            with dask, which must be installed.
 
     Examples:
         >>> from swe_sphere import Simulation, open_run
@@ -65,18 +67,20 @@ def open_run(path: str | os.PathLike[str], chunks: Mapping[str, int] | None = No
         >>> run.swe.to_latlon(19, 36).h.shape
         (5, 19, 36)
 
-    Raises ConfigError if the file is missing, damaged or of another kind.
+    Raises ConfigError if the file is missing, damaged or of another kind, or for unknown chunks.
     """
-    found = RunFile(path).attributes
-    raw: dict[str, Any] = {"decode_times": False, "mask_and_scale": False}  # keeps integers
-    raw |= {"chunks": None if chunks is None else dict(chunks), "engine": engine(Path(path))}
-    data = xr.open_dataset(path, **raw)
+    found, kept = RunFile(path).attributes, dict.fromkeys(TOPOLOGY, False)  # keeps integers
+    raw: dict[str, Any] = {"decode_times": False, "mask_and_scale": kept, "chunks": chunks}
+    try:
+        data = xr.open_dataset(path, engine=engine(Path(path)), **raw)
+    except (ImportError, TypeError, ValueError) as error:
+        raise ConfigError(f"cannot read {path} in chunks {chunks!r}: {error}") from error
     for variable in data.variables.values():
         variable.attrs.pop("_FillValue", None)  # describes the storage, not the variable
     if chunks is None:
         with data:
             data.load()
-    return data.assign_attrs(plain(found))
+    return decode(data, path).assign_attrs(plain(found))
 
 
 @xr.register_dataset_accessor("swe")  # type: ignore[no-untyped-call]
@@ -111,7 +115,7 @@ class Analysis:
             raise ConfigError(
                 "this dataset is not of a run: open a run's file with swe_sphere.open_run"
             )
-        return mesh_of(values, self._data.sizes["node"], "cannot use this dataset")
+        return mesh_of(values, self._data, "cannot use this dataset")
 
     def to_latlon(self, rows: int = 181, columns: int = 360) -> xr.Dataset:
         """Return all fields on evenly spaced latitudes and longitudes: (..., lat, lon).
@@ -185,11 +189,11 @@ class Analysis:
         planet = Planet(**(json.loads(told) if isinstance(told, str) else told))
         names = ("u", "v", "h", "b", "f", "vorticity", "divergence")
         holding(self._data, *names)
-        frames = (self.frames.fields(k, names) for k in range(self.frames.times.size))
-        rows = [integrals(self.mesh, planet, **frame) for frame in frames]
-        about = VARIABLES["series"]
+        frames, about = self.frames, VARIABLES["series"]
+        fields = (frames.fields(k, names) for k in range(frames.times.size))
+        rows = [integrals(self.mesh, planet, **each) for each in fields]
         values = {name: ("time", [row[name] for row in rows], about[name]) for name in rows[0]}
-        return self._series(values, self.frames.times)
+        return self._series(values, frames.times)
 
     def error_norms(self, other: xr.Dataset, fields: Iterable[str] = ("h", "wind")) -> xr.Dataset:
         """Return l1, l2 and linf of this run against `other`, the reference, at all common times.
@@ -202,27 +206,23 @@ class Analysis:
         """
         if not isinstance(other, xr.Dataset):
             raise ConfigError(f"error_norms needs a dataset from open_run, got {other!r}")
-        theirs = Analysis(other)
-        pairs = [
-            (k, j) for k, ours in enumerate(self.frames.times)
-            for j, right in enumerate(theirs.frames.times)
-            if abs(ours - right) <= TOLERANCE
-        ]  # fmt: skip
-        if not pairs:
+        ours, theirs = self.frames, Analysis(other).frames
+        pairs = np.argwhere(np.abs(ours.times[:, None] - theirs.times) <= TOLERANCE)
+        if not pairs.size:
             raise ConfigError("the two runs have no common time")
         same = np.array_equal(self.mesh.xyz, theirs.mesh.xyz)
         points = None if same else Interpolator(self.mesh, theirs.mesh.lon, theirs.mesh.lat)
         found: dict[str, list[float]] = {}
         names = [fields] if isinstance(fields, str) or not np.iterable(fields) else [*fields]
         for k, j in pairs:
-            ours, right = self.frames.fields(k), theirs.frames.fields(j)
+            left, right = ours.fields(k), theirs.fields(j)
             for field in names:
-                here = derive(ours, field) if points is None else evaluate(points, ours, field)
+                here = derive(left, field) if points is None else evaluate(points, left, field)
                 errors = norms(theirs.mesh.area, here, derive(right, field))
                 for norm, value in errors.items():
                     found.setdefault(f"{norm}_{field}", []).append(value)
         values = {name: ("time", numbers) for name, numbers in found.items()}
-        return self._series(values, self.frames.times[[k for k, _ in pairs]])
+        return self._series(values, ours.times[pairs[:, 0]])
 
     def plot(
         self,
@@ -258,7 +258,7 @@ class Analysis:
         field = check_field(field or default_field(self.frames), self.frames.about)
         return Film.of(self.frames, field, validated(Look, look), rate)
 
-    @cached_property
+    @property
     def frames(self) -> Frames:
         """The frames as a source of pictures."""
         return Frames(self._data, self.mesh)
@@ -280,13 +280,9 @@ class Frames(Nodal):
         self.about = {str(name): field.attrs for name, field in data.data_vars.items()}
         self.times = np.zeros(1)  # a dataset without times is one frame
         if "time" in data.coords:
-            times = np.atleast_1d(data["time"].values)
-            if times.size == 0:
+            self.times = np.atleast_1d(decode(data[["time"]], self.path)["time"].values)
+            if self.times.size == 0:
                 raise ConfigError("this dataset holds no frame")
-            if (kind := times.dtype.kind) in "mM":  # timedelta64, datetime64
-                start = np.datetime64(START) if kind == "M" else 0
-                times = (times - start) / np.timedelta64(1, "s")
-            self.times = times.astype(np.float64)
 
     @cached_property
     def bottom(self) -> Array:  # type: ignore[override]

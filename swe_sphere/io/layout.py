@@ -20,6 +20,7 @@ from swe_sphere import __version__
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
+from swe_sphere.planet import DAY
 from swe_sphere.settings.values import read_toml
 
 if TYPE_CHECKING:
@@ -33,10 +34,7 @@ TRACER = "q_"
 
 BOUNDS = "_bnds"
 """Suffix of the names of the bounds of a coordinate."""
-TOPOLOGY: tuple[str, ...] = (
-    *VARIABLES["topology"],
-    *(name + BOUNDS for name in VARIABLES["coordinates"]),
-)
+TOPOLOGY: tuple[str, ...] = (*VARIABLES["topology"], "lat" + BOUNDS, "lon" + BOUNDS)
 ON_NODES = {"mesh": "mesh", "location": "node", "coordinates": "lat lon", "grid_mapping": "sphere"}
 MEASURES = {"cell_measures": "area: area"}
 MISSING: dict[str, Any] = {"_FillValue": np.nan}
@@ -55,6 +53,9 @@ MESH_ATTRIBUTES: tuple[str, ...] = ("ne", "np", "radius", "stretch", "centre", "
 
 SERIES = "diagnostic_time"
 """The dimension of the series of diagnostics, and the variable with its times."""
+
+FINITE = (*VARIABLES["frames"], "b", "surface", SERIES)
+"""Variables that must not have missing values; mixing ratios must not either."""
 
 SUMMARY = "summary"
 """The global attribute that states how the run ended, in JSON."""
@@ -195,6 +196,35 @@ def _plain(value: Any) -> Any:
 def in_python(values: Mapping[Any, Any]) -> dict[str, Any]:
     """Return values as Python types instead of numpy types."""
     return {str(k): v.tolist() if hasattr(v, "tolist") else v for k, v in values.items()}
+
+
+def decode(data: xr.Dataset, place: object) -> xr.Dataset:
+    """Return a dataset with its times in seconds since the start, from any units and calendar.
+
+    place: file of the dataset, for messages. Raises ConfigError for units that cannot be read.
+    """
+    from netCDF4 import date2num, num2date  # slow to import
+
+    for name in {"time", SERIES} & data.variables.keys():
+        time: Any = data[name].variable
+        about = {"units": "s", "calendar": "standard", **time.attrs}
+        values, units, calendar = time.values, str(about["units"]), about["calendar"]
+        try:
+            if time.dtype.kind in "mM":  # timedelta64, datetime64
+                start = np.datetime64(START) if time.dtype.kind == "M" else np.timedelta64(0)
+                values, units = (values - start) / np.timedelta64(1, "s"), TIME["units"]
+            elif time.dtype.kind == "O":  # dates of cftime
+                values, units = date2num(values, TIME["units"]), TIME["units"]
+            first_day = num2date([0, 1], f"days since {START}", calendar)
+            known = units.replace("nano", "micro") + (" since " not in units) * f" since {START}"
+            begin, end = date2num(first_day, known, calendar) * (1000 if "nano" in units else 1)
+            found = (values.astype(float) - begin) * (DAY / (end - begin))
+        except (AttributeError, TypeError, ValueError):
+            raise ConfigError(
+                f"cannot read {place}: times must be in seconds, hours or days, got {units!r}"
+            ) from None
+        data = data.assign_coords({name: (time.dims, found, about | {"units": TIME["units"]})})
+    return data
 
 
 def history(action: str, before: str = "") -> str:

@@ -19,9 +19,10 @@ from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, SweError
 from swe_sphere.files.durable import check_moved, clear_errors
 from swe_sphere.io.growing import check_zarr, is_store
-from swe_sphere.io.layout import MESH_ATTRIBUTES, SERIES, SUMMARY, TRACER, VARIABLES, in_python
+from swe_sphere.io.layout import FINITE, MESH_ATTRIBUTES, SERIES, SUMMARY, TRACER, decode, in_python
 from swe_sphere.io.scalar_fields import Sampler, derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
+from swe_sphere.mesh.sphere import position
 from swe_sphere.planet import DAY
 from swe_sphere.settings.values import place_and_complaint, validated
 
@@ -62,35 +63,40 @@ class CheckpointHeader(BaseModel, strict=True, allow_inf_nan=False):
     attributes: RunAttributes
 
 
-def mesh_of(attributes: Mapping[str, Any], nodes: int, failure: str) -> Mesh:
-    """Return the mesh of a file that has these attributes and this number of nodes.
+def mesh_of(attributes: Mapping[str, Any], data: "xr.Dataset", failure: str) -> Mesh:
+    """Return the mesh of a dataset of a run with these attributes.
 
-    Raises ConfigError, which begins with `failure`, if the attributes do not describe a mesh or
-    describe one of another size. The size is checked before the mesh is built.
+    Raises ConfigError, which begins with `failure`, if the attributes do not describe a mesh, or
+    describe one of another size or with other nodes. The size is checked before the mesh is built.
     """
     values = {name: attributes[name] for name in MESH_ATTRIBUTES}
-    ne, np = values["ne"], values["np"]
+    ne, order = values["ne"], values["np"]
     try:
         validated(RunAttributes, values)
-        if (expected := 6 * (ne * (np - 1)) ** 2 + 2) != nodes:
+        if (expected := 6 * (ne * (order - 1)) ** 2 + 2) != (nodes := data.sizes["node"]):
             raise ConfigError(
-                f"ne={ne} and np={np} make {expected} nodes, but the file has {nodes}: it holds a"
-                " part of the nodes, or is damaged"
+                f"ne={ne} and np={order} make {expected} nodes, but the file has {nodes}: it holds"
+                " a part of the nodes, or is damaged"
             )
-        return Mesh.build(**values)
-    except ConfigError as error:
+        mesh = Mesh.build(**values)
+        angles = [np.radians(data[x].values) for x in ("lon", "lat") if x in data.variables]
+        if len(angles) == 2 and not np.allclose(position(*angles), mesh.xyz, rtol=0.0, atol=1e-6):
+            raise ConfigError(
+                "its nodes (lat, lon) are in another order than those of the mesh, or at other"
+                " places: keep the order in which the run wrote them"
+            )
+        return mesh
+    except (ConfigError, ValueError) as error:
         raise ConfigError(f"{failure}: {error}") from None
 
 
-FINITE = (*VARIABLES["frames"], "b", "surface", SERIES)
-"""Variables that must not have missing values; mixing ratios must not either."""
 TOLERANCE = 1e-6 * DAY
 """Largest difference [s] between a frame's time and the requested one."""
 
 
 @contextmanager
 def reading(path: str | os.PathLike[str]) -> Iterator["xr.Dataset"]:
-    """Open a netCDF file or Zarr store, with values as they are stored.
+    """Open a netCDF file or Zarr store, with packed values unpacked and times in seconds.
 
     Raises ConfigError, in one line, for a fault of the file that appears in the block.
     """
@@ -107,9 +113,9 @@ def reading(path: str | os.PathLike[str]) -> Iterator["xr.Dataset"]:
         with warnings.catch_warnings():
             # stores of other programs may lack consolidated metadata
             warnings.filterwarnings("ignore", "Failed to open Zarr store with consolidated")
-            data = xr.open_dataset(path, engine=kind, decode_cf=False)
+            data = xr.open_dataset(path, engine=kind, decode_times=False, decode_coords=False)
         with data:
-            yield data
+            yield decode(data, path)
     except SweError:
         raise
     except ValidationError as error:
@@ -139,13 +145,11 @@ def check_length(path: Path) -> None:
 def checked(path: Path, name: str, variable: "xr.Variable") -> Array:
     """Return the values of a variable; raises ConfigError if a known field lacks a value."""
     values: Array = variable.values
-    if name in FINITE or name.startswith(TRACER):
-        fill = variable.attrs.get("_FillValue", np.nan)
-        if missing := np.count_nonzero(~np.isfinite(values) | (values == fill)):
-            raise ConfigError(
-                f"{path} is incomplete or damaged: {missing} values of {name} are missing or not"
-                " finite"
-            )
+    needed = name in FINITE or name.startswith(TRACER)
+    if needed and (missing := np.count_nonzero(~np.isfinite(values))):
+        raise ConfigError(
+            f"{path} is incomplete or damaged: {missing} values of {name} are missing or not finite"
+        )
     return values
 
 
@@ -271,16 +275,19 @@ class RunFile(Nodal):
             self.times = data["time"].values
             if not (self.times.ndim == 1 and np.all(np.diff(self.times, prepend=-1.0) > 0.0)):
                 raise ValueError("its times do not increase")
-            self.bottom = checked(self.path, "b", data["b"].variable)
-            names = [name for name in ("f", "area") if name in data]
-            self._constants = {x: checked(self.path, x, data[x].variable) for x in names}
+            self._constants = {  # time is one of their dimensions after xr.concat
+                x: checked(self.path, x, data[x].variable.isel(time=0, missing_dims="ignore"))
+                for x in ("b", "f", "area") if x in data
+            }  # fmt: skip
+            self.bottom = self._constants["b"]
 
     @cached_property
     def mesh(self) -> Mesh:  # type: ignore[override]
         """The mesh, rebuilt from the attributes of the file."""
         if self.bottom.ndim != 1:
             raise ConfigError(f"{self.path} is already on a grid: give the file of a run")
-        return mesh_of(self.attributes, self.bottom.size, f"cannot read {self.path}")
+        with reading(self.path) as data:
+            return mesh_of(self.attributes, data, f"cannot read {self.path}")
 
     def frame(self, time: float | None = None) -> dict[str, Array]:
         index = self.index(time)

@@ -244,7 +244,7 @@ ANALYSIS = tested(
     ),
     (
         "decoded times in minutes",
-        ACCESSOR,
+        "swe_sphere/io/layout.py",
         ("test_analysis.py::test_times_that_xarray_has_decoded_are_seconds_again",),
         'np.timedelta64(1, "s")',
         'np.timedelta64(1, "m")',
