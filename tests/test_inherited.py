@@ -44,7 +44,7 @@ def test_a_field_is_inherited_unless_it_is_given(name: str) -> None:
     assert getattr(earlier, name) != default
     assert getattr(resumed(earlier), name) == getattr(earlier, name)
     assert name in resumed(earlier).model_fields_set
-    if default is not None:
+    if default is not None and name != "settings":  # settings are merged one by one
         assert getattr(resumed(earlier, **{name: default}), name) == default
 
 
