@@ -82,16 +82,9 @@ def by_name(errors: Norms) -> dict[str, float]:
 
 
 def integrals(
-    mesh: Mesh,
-    planet: Planet,
-    u: Array,
-    v: Array,
-    h: Array,
-    b: Array | float = 0.0,
-    f: Array | float = 0.0,
-    vorticity: Array | float = 0.0,
-    divergence: Array | float = 0.0,
-) -> dict[str, float]:
+    mesh: Mesh, planet: Planet, u: Array, v: Array, h: Array, b: Array | float = 0.0,
+    f: Array | float = 0.0, vorticity: Array | float = 0.0, divergence: Array | float = 0.0,
+) -> dict[str, float]:  # fmt: skip
     """Return integrals and extremes of a state given at the nodes, all arrays (N,).
 
     u, v [m s-1], h [m], bottom b [m], Coriolis parameter f, relative vorticity and divergence

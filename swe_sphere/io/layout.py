@@ -76,12 +76,9 @@ def frame_fields(tracers: Iterable[str] = ()) -> dict[str, dict[str, str]]:
 
 
 def frame_dataset(
-    mesh: Mesh,
-    fields: Mapping[str, Array],
-    time: float,
-    attributes: Mapping[str, Any],
+    mesh: Mesh, fields: Mapping[str, Array], time: float, attributes: Mapping[str, Any],
     known: Mapping[str, Mapping[str, str]],
-) -> xr.Dataset:
+) -> xr.Dataset:  # fmt: skip
     """Return fields at `time` [s] on (time, node).
 
     fields (N,): by name, with b and f.  known: the wanted fields, with their attributes.
@@ -102,15 +99,10 @@ def frame_dataset(
 
 
 def file_dataset(
-    mesh: Mesh,
-    attributes: Mapping[str, Any],
-    bottom: ArrayLike,
-    coriolis: ArrayLike,
-    fields: Mapping[str, Mapping[str, str]],
-    diagnostics: Mapping[str, Mapping[str, str]],
-    samples: int,
-    profiles: Mapping[str, xr.DataArray],
-) -> xr.Dataset:
+    mesh: Mesh, attributes: Mapping[str, Any], bottom: ArrayLike, coriolis: ArrayLike,
+    fields: Mapping[str, Mapping[str, str]], diagnostics: Mapping[str, Mapping[str, str]],
+    samples: int, profiles: Mapping[str, xr.DataArray],
+) -> xr.Dataset:  # fmt: skip
     """Return a file without frames; the series come last and have space for `samples` samples.
 
     attributes: those of the run. bottom [m], coriolis [s-1]: a number or (N,). fields: the fields

@@ -56,20 +56,12 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
     """
 
     def __init__(
-        self,
-        path: str | os.PathLike[str],
-        mesh: Mesh,
-        attributes: Mapping[str, object],
-        bottom: ArrayLike = 0.0,
-        tracers: Iterable[str] = (),
-        samples: int = ROOM_FOR_SAMPLES,
-        append_from: float | None = None,
-        own: Mapping[str, Mapping[str, str]] | None = None,
-        own_fields: Mapping[str, Any] | None = None,
-        coriolis: ArrayLike = 0.0,
-        only: Iterable[str] = (),
-        transform: Callable[[xr.Dataset], xr.Dataset] | None = None,
-    ) -> None:
+        self, path: str | os.PathLike[str], mesh: Mesh, attributes: Mapping[str, object],
+        bottom: ArrayLike = 0.0, tracers: Iterable[str] = (), samples: int = ROOM_FOR_SAMPLES,
+        append_from: float | None = None, own: Mapping[str, Mapping[str, str]] | None = None,
+        own_fields: Mapping[str, Any] | None = None, coriolis: ArrayLike = 0.0,
+        only: Iterable[str] = (), transform: Callable[[xr.Dataset], xr.Dataset] | None = None,
+    ) -> None:  # fmt: skip
         self.path, self._mesh, self._samples = Path(path), mesh, samples
         self._transform = transform
         self._bottom, self._coriolis, self._own = bottom, coriolis, own or {}
