@@ -50,7 +50,7 @@ class Pair:
         scene, self.mesh = get_scene(name), Mesh.build(ne, 4)
         self.name = name
         self.plain = Model(self.mesh, scene)
-        self.thick = Model(self.mesh, scene.with_effect(Hyperviscosity()))
+        self.thick = Model(self.mesh, scene.with_effect(Hyperviscosity(factor=30.0)))
         self._exact = self._after_a_day("rk4", self.automatic("rk4", self.thick) / FINE)
 
     def automatic(self, name: str, model: Model, at_stages: bool = False) -> float:

@@ -220,7 +220,7 @@ class RunConfig(SharedConfig):
     with a last frame, from which it can be resumed."""
     energy_growth: Positive | None = None
     """End the run as unstable if the energy, forcing and relaxation apart, has grown by this factor
-    (10; no limit with user-defined effects)."""
+    (10; no limit with custom effects)."""
     log: FileName | None = None
     """Append all lines about the run to this file, with times and progress."""
     as_json: bool = False
