@@ -35,7 +35,7 @@ def _argument(argument):
 def _flags(option):
     """Return the names of an option with the form of its value."""
     names = ", ".join(f"`{name}`" for name in (*option.opts, *option.secondary_opts))
-    form = _cell(option.metavar or {"path": "FILE"}.get(option.type.name, "NUMBER"))
+    form = _cell(option.metavar or "NUMBER")
     return names if option.is_flag else f"{names[:-1]} {form}`"
 
 
