@@ -430,6 +430,20 @@ def test_frames_and_checkpoints_have_the_state_that_a_callback_leaves(tmp_path):
     assert np.array_equal(again.state.u, whole.state.u)
 
 
+def test_a_callback_may_change_the_state_and_keep_its_energy(tmp_path):
+    def reverse(sim):
+        if sim.steps == 2:
+            values = sim.state.u.values, sim.stepper.state.numpy().copy()
+            values[1][: 2 * sim.mesh.size] *= -1.0
+            sim.stepper.state.assign(values[1])
+
+    sim = Simulation("williamson6", ne=2, np=4, dt=1800.0)
+    sim.run(days=1 / 24, every=0.5, out=tmp_path / "a.nc", callbacks=[reverse])
+    now = sim.model.fields(sim.stepper.state, sim.time)["u"]
+    with open_run(tmp_path / "a.nc") as data:
+        assert np.array_equal(data.u.values[-1], now) and np.array_equal(sim.state.u, now)
+
+
 def test_a_callback_must_be_callable():
     with pytest.raises(ConfigError, match="a callback must be a function, got 3"):
         small().run(days=0.1, callbacks=[3])

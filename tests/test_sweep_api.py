@@ -12,6 +12,7 @@ from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.runge_kutta import RK4
+from swe_sphere.studies.report.ranking import metrics, read_runs
 from swe_sphere.studies.sweep import SweepWatcher, sweep
 from swe_sphere.studies.sweep.record import UNITS, WORDS, runs_of
 from swe_sphere.studies.sweep.runs import Study
@@ -188,6 +189,22 @@ def test_settings_are_texts_or_tables():
     text = make_plan({"scene": "galewsky", "steppers": "rk4", "settings": ["viscosity.nu=1e5"]})
     configs = (plan.run_config().settings_of("viscosity") for plan in (table, text))
     assert [float(found["nu"]) for found in configs] == [1e5, 1e5]
+
+
+def test_steps_that_tracers_take_together_do_not_change_the_limit_of_the_flow():
+    options = TINY | {"dt": [7200], "find_limit": True}
+    found = [sweep("deformational", "rk4", tracer_steps=n, **options) for n in (1, 3)]
+    stable = [each.dt.values[(each.role == "stability") & (each.status == "completed")].max()
+              for each in found]  # fmt: skip
+    trials = found[1].isel(run=found[1].role.values == "stability")
+    assert not any("no multiple" in reason for reason in trials.reason.values)
+    assert stable[1] <= stable[0]
+
+
+def test_a_shorter_sweep_in_a_folder_is_answered_for_its_own_days(tmp_path):
+    for days in (0.25, 0.125):
+        found = sweep("williamson2", "rk4", out=tmp_path, **TINY | {"days": days})
+    assert {of.day for of in metrics(read_runs(found))} == {0.125}
 
 
 def test_a_length_of_many_digits_has_equal_steps():

@@ -248,6 +248,13 @@ def test_a_flag_replaces_a_setting_of_a_recipe_and_keeps_the_others(swe, tmp_pat
     assert found == "drag.quadratic=1e-09 drag.linear=2e-6 viscosity.nu=1e5"
 
 
+def test_a_flag_for_what_a_recipe_varies_is_refused(swe, tmp_path):
+    text = RECIPE.partition("[[sweep]]")[0] + "[[sweep]]\nscene = 'williamson2'\n"
+    (tmp_path / "one.toml").write_text(text + "[sweep.each]\n'drag.linear' = ['1e-6', '1e-5']\n")
+    status, *said = swe("--recipe", "one.toml", "--out", "d", "--set", "drag.linear=2e-6")
+    assert status == 2 and "sets what [sweep.each] of the recipe varies" in said[1]
+
+
 def test_a_sweep_of_a_recipe_has_its_folder_also_alone(swe, tmp_path):
     (tmp_path / "two.toml").write_text(RECIPE)
     assert swe("--recipe", "two.toml", "--out", "d")[0] == 0

@@ -103,7 +103,8 @@ def on_grid(data: xr.Dataset, at: Interpolator, grid: Grid) -> xr.Dataset:
     names = [name for name in fields_of(data) if name != "area"]
     sizes = {"lat": grid.lat.size, "lon": grid.lon.size}
     found: dict[str, xr.DataArray] = {}
-    if "u" in names:
+    if {"u", "v"} & {*data.data_vars}:
+        holding(data, "u", "v")
         found["u"], found["v"] = on_nodes(at.wind, sizes, data["u"], data["v"], results=2)
     for name in names:
         if name not in found:
@@ -140,8 +141,9 @@ def on_nodes(function: Any, sizes: dict[str, int], *arrays: xr.DataArray, result
 
     sizes: the dimensions of each result, which replace the dimension "node".
     """
+    whole = [array.chunk(node=-1) if array.chunks else array for array in arrays]
     return xr.apply_ufunc(
-        function, *arrays, input_core_dims=[["node"]] * len(arrays), vectorize=True,
+        function, *whole, input_core_dims=[["node"]] * len(arrays), vectorize=True,
         output_core_dims=[[*sizes]] * results, dask="parallelized",
         output_dtypes=[np.float64] * results, dask_gufunc_kwargs={"output_sizes": sizes},
     )  # fmt: skip
@@ -211,7 +213,7 @@ def _chosen(data: xr.Dataset, fields: Sequence[str]) -> xr.Dataset:
     """Return the requested fields on the nodes, with the series; of all fields also profiles."""
     there = fields_of(data)
     # the directions east and north vary in space: the wind is interpolated as a vector
-    whole = ["u", "v"] if {"u", "v"} & set(fields) else []
+    whole = ["u", "v"] if {"u", "v"} & {*(fields or data.data_vars)} else []
     if not {*whole} <= {*there}:
         raise ConfigError("u and v are interpolated together, but the run does not hold both")
     for name in sorted({*fields}.difference(there)):

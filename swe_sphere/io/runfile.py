@@ -80,7 +80,8 @@ def mesh_of(attributes: Mapping[str, Any], data: "xr.Dataset", failure: str) -> 
             )
         mesh = Mesh.build(**values)
         angles = [np.radians(data[x].values) for x in ("lon", "lat") if x in data.variables]
-        if len(angles) == 2 and not np.allclose(position(*angles), mesh.xyz, rtol=0.0, atol=1e-6):
+        near = 0.1 * mesh.spacing()[0] / mesh.radius  # coordinates may be rounded
+        if len(angles) == 2 and not np.allclose(position(*angles), mesh.xyz, rtol=0.0, atol=near):
             raise ConfigError(
                 "its nodes (lat, lon) are in another order than those of the mesh, or at other"
                 " places: keep the order in which the run wrote them"

@@ -112,10 +112,8 @@ class Loop:
                         what = "has stepped, run or reset the simulation during its run"
                         raise RunFailed(f"{label(observer)} {what}: do so after the run")
                     if _may_change_states(observer):
-                        norm = self.health.norm  # the observer may have changed the state
                         self.health.observe(self.sim.snapshot, observer)
-                        if self.health.norm != norm:
-                            self.sim.release()  # its fields are those before the change
+                        self.sim.release()  # its fields may be those before a change
             if is_asked or self._is_asked_to_stop():
                 self._stop()
 

@@ -100,9 +100,12 @@ class RunPlan:
         return self.cycle * max(1, self.steps // (self.cycle * times))
 
 
-def free_steps(days: float, dt: float) -> RunPlan:
-    """Return steps of exactly dt [s] to the end or a little beyond, with no frame in between."""
-    count = max(1, math.ceil(days * DAY / dt - 1e-9))
+def free_steps(days: float, dt: float, cycle: int = 1) -> RunPlan:
+    """Return steps of exactly dt [s] to the end or a little beyond, with no frame in between.
+
+    cycle: their number is a multiple of it.
+    """
+    count = cycle * max(1, math.ceil(days * DAY / (cycle * dt) - 1e-9))
     return RunPlan(dt, count, count, dt)
 
 

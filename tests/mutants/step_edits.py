@@ -250,8 +250,8 @@ METADATA = tested(
         "a state that a callback changed is not checked",
         "swe_sphere/simulation/loop.py",
         ("test_health.py::test_a_callback_that_spoils_the_state_ends_the_run",),
-        "self.health.observe(self.sim.snapshot, observer)\n                        if self.health.norm != norm",  # noqa: E501
-        "if self.health.norm != norm",
+        "self.health.observe(self.sim.snapshot, observer)\n",
+        "pass\n",
     ),
     (
         "wall time before a change of step counted twice",

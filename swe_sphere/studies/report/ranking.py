@@ -3,6 +3,7 @@
 Only measured runs count; nothing is interpolated.
 """
 
+import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -88,7 +89,8 @@ def read_runs(dataset: Dataset) -> pd.DataFrame:
     Further columns: cost: time that runs are ranked by [s], NaN if none was measured; least, most:
     the shortest and the longest time that cannot be distinguished from it; compared: whether a run
     reached its end and stands for a setting that a user could choose; ended: how it ended, in
-    words; curve, line: label and style of its curve; multiples of limits, and counts per step.
+    words; curve, line: label and style of its curve; requested_days: length of the runs of the last
+    request; multiples of limits, and counts per step.
 
     Raises ConfigError if the dataset is not one of a sweep.
     """
@@ -101,7 +103,8 @@ def read_runs(dataset: Dataset) -> pd.DataFrame:
     variables = {str(n): of.values for n, of in dataset.items() if of.dims == ("run",)}
     columns: dict[Any, Any] = variables | dict(zip(which, values.T, strict=True))
     runs = pd.DataFrame(columns, pd.RangeIndex(1, dataset.sizes["run"] + 1))
-    runs = runs.assign(**_derived(runs), curve="", line="")
+    days = json.loads(dataset.attrs.get("plan", "{}")).get("days", np.inf)
+    runs = runs.assign(**_derived(runs), curve="", line="", requested_days=days)
     for _, members in runs.groupby(["mesh", "stepper"]):
         _name_curves(runs, members)
     return runs
@@ -148,9 +151,13 @@ def _name_curves(runs: pd.DataFrame, members: pd.DataFrame) -> None:
 
 
 def metrics(runs: pd.DataFrame) -> list[Metric]:
-    """Return the l2 error at the last known day of each kind and field, in the order of reports."""
-    compared = runs[runs["compared"]]
+    """Return the l2 error at the last known day of each kind and field, in the order of reports.
+
+    Days after the end of the last request do not count.
+    """
+    compared, end = runs[runs["compared"]], runs["requested_days"].max() + 1e-9
     known = [of for of in runs if isinstance(of, Metric) and compared[of].notna().any()]
+    known = [of for of in known if of.day <= end] or known
     last = {(of.kind, of.field): of for of in sorted(known, key=lambda of: of.day)
             if of.norm == "l2"}  # fmt: skip
     return [last[key] for key in product(KINDS, FIELDS) if key in last]

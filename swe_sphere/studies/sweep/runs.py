@@ -283,8 +283,13 @@ class Study:
 
         automatic: True for an automatic dt, which may be shortened as much as they require.
         """
-        cycle = 1 if (asked := self.plan.run_config().tracer_steps) == "auto" else asked
-        return time_plan(self.days, self._every / 3600, dt, cycle=cycle, automatic=automatic)
+        every = self._every / 3600
+        return time_plan(self.days, every, dt, cycle=self.cycle, automatic=automatic)
+
+    @property
+    def cycle(self) -> int:
+        """Requested number of steps that are taken with one step of the tracers; 1 for auto."""
+        return 1 if (asked := self.plan.run_config().tracer_steps) == "auto" else asked
 
     def error_identity(self, role: Role) -> tuple[str, ...]:
         """Return what determines the errors of a run, in words: part of its identity."""
@@ -401,7 +406,8 @@ class Integrator:
         try:
             trial = role == "stability"
             days = max(self.study.days, TRIAL_DAYS, TRIAL_STEPS * dt / DAY)
-            steps = free_steps(days, dt) if trial else self.study.steps(dt)
+            cycle = self.study.cycle
+            steps = free_steps(days, dt, cycle) if trial else self.study.steps(dt)
         except ConfigError as error:
             return RunSpec(self, dt, None, role, str(error))
         return RunSpec(self, steps.dt, steps, role, self.refusal)

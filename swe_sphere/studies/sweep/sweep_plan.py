@@ -204,7 +204,11 @@ class Recipe:
         if not chosen:
             scenes = ", ".join(str(values.get("scene")) for values in self.sweeps)
             raise ConfigError(f"the recipe has no scene {scene!r}; it has {scenes}")
-        return [make_plan(overridden(values, flags)) for values in chosen]
+        plans = [make_plan(overridden(values, flags)) for values in chosen]
+        unnamed = {plan.model_copy(update={"name": ""}).model_dump_json() for plan in plans}
+        if len(unnamed) < len({plan.model_dump_json() for plan in plans}):
+            raise ConfigError("a flag sets what [sweep.each] of the recipe varies: leave it out")
+        return plans
 
 
 def load_recipe(name: str) -> Recipe:
