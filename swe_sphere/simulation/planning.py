@@ -221,14 +221,15 @@ def _interval(length: Fraction, every: float | Fraction | None, dt: float) -> Fr
     """Return the time between frames [s]: as requested, else the part of the run nearest a day."""
     if every is None:
         return length / max(1, round(length / max(Fraction(DAY), Fraction(dt))))
+    if isinstance(every, Fraction):
+        return min(length, 3600 * every)
     return min(length, _as_fraction(3600 * meant_hours(every)))
 
 
-def meant_hours(hours: float | Fraction) -> Fraction:
+def meant_hours(hours: float) -> Fraction:
     """Return the fraction of an hour for which a rounded number stands: 1/3 for 0.333333."""
     near = Fraction(hours).limit_denominator(60)
-    is_meant = near > 0 and abs(near - Fraction(hours)) < MEANT
-    return near if is_meant and not isinstance(hours, Fraction) else Fraction(hours)
+    return near if near > 0 and abs(near - Fraction(hours)) < MEANT else Fraction(hours)
 
 
 def _as_fraction(seconds: float | Fraction) -> Fraction:
