@@ -667,6 +667,7 @@ class Simulation(NotCopyable):
             "out": None if self.config.out is None else str(self.config.out),
             "outputs": [str(output.path) for output in self.config.outputs] or None,
             "compile_seconds": self.model.compile_seconds,
+            "earlier_seconds": self._spent.get("wall_seconds", 0.0),
         }
         numbers |= {**dict.fromkeys(NAMES["costs"], 0), **self.counts()}
         if outcome.is_sound:
