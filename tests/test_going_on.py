@@ -225,7 +225,7 @@ def test_the_time_of_a_resumed_run_is_shown_alone_and_with_earlier_runs(tmp_path
     assert again["earlier_seconds"] == first["wall_seconds"] > first["earlier_seconds"] == 0.0
     own = again["wall_seconds"] - again["earlier_seconds"]
     shown = f"{own:.3g} s stepping (with earlier runs {again['wall_seconds']:.3g} s)"
-    assert 0.0 < own and shown in str(again) and "earlier" not in str(first)
+    assert own > 0.0 and shown in str(again) and "earlier" not in str(first)
 
 
 def test_an_option_with_a_field_replaces_the_setting_of_the_earlier_run(tmp_path):
