@@ -316,6 +316,11 @@ def status_here(*arguments):
     return ended.value.code
 
 
+def test_the_table_states_the_number_of_ranks(mpi):
+    ended = program("run", "williamson2", "--ne", 2, "--days", 0.1, "--ranks", 2)
+    assert "cpu, float64, 2 ranks" in ended.stdout + ended.stderr
+
+
 @pytest.mark.thorough
 def test_the_page_on_processes_says_how_to_start_them(mpi, tmp_path):
     """Its commands, shortened."""

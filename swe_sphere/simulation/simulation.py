@@ -668,6 +668,7 @@ class Simulation(NotCopyable):
             "outputs": [str(output.path) for output in self.config.outputs] or None,
             "compile_seconds": self.model.compile_seconds,
             "earlier_seconds": self._spent.get("wall_seconds", 0.0),
+            "ranks": self.comm.size,
         }
         numbers |= {**dict.fromkeys(NAMES["costs"], 0), **self.counts()}
         if outcome.is_sound:
