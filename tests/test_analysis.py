@@ -314,7 +314,7 @@ def test_fields_that_are_added_in_place_are_found(run):
 
 
 def test_constants_may_have_times(run, tmp_path):
-    """As after `xr.concat` of all variables, or means in time."""
+    """They have them after `xr.concat` of all variables, and after means in time."""
     data, path = open_run(run), tmp_path / "joined.nc"
     parts = [data.isel(time=[k]) for k in range(3)]
     xr.concat(parts, "time", data_vars="all", coords="minimal", compat="override").to_netcdf(path)

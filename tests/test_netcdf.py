@@ -137,7 +137,7 @@ def test_a_run_goes_on_under_its_own_run_id_and_on_its_own_mesh_alone(written, m
 
 
 def test_a_run_resumes_in_a_file_with_times_in_hours(written, mesh):
-    """As xarray saves them when it has decoded them."""
+    """xarray saves times so, once it has decoded them."""
     with xarray.open_dataset(written) as decoded:
         hours = decoded.load()
     hours.assign_coords(time=hours.time + np.timedelta64(0, "h")).to_netcdf(written)

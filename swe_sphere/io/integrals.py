@@ -55,7 +55,7 @@ def norms(area: Array, numeric: ArrayLike, exact: ArrayLike) -> dict[str, float]
     }
 
 
-Fields = Mapping[str, Array]
+Fields = dict[str, Array]
 """Values (N,) by name of the field."""
 Norms = dict[str, dict[str, float]]
 """Norms l1, l2 and linf by field."""
@@ -188,6 +188,6 @@ def tracer_numbers(mesh: Mesh, fields: Fields, start: Mapping[str, float]) -> di
     return numbers
 
 
-def tracer_errors(mesh: Mesh, fields: Fields, exact: Fields) -> dict[str, float]:
+def tracer_errors(mesh: Mesh, fields: Fields, exact: Mapping[str, Array]) -> dict[str, float]:
     """Return l1_q_NAME, l2_q_NAME and linf_q_NAME of each tracer; NaN if `exact` contains NaN."""
     return by_name({f"q_{x}": norms(mesh.area, fields[f"q_{x}"], exact[x]) for x in exact})

@@ -34,7 +34,9 @@ TRACER = "q_"
 
 BOUNDS = "_bnds"
 """Suffix of the names of the bounds of a coordinate."""
-TOPOLOGY: tuple[str, ...] = (*VARIABLES["topology"], "lat" + BOUNDS, "lon" + BOUNDS)
+TOPOLOGY: tuple[str, ...] = (
+    *VARIABLES["topology"], *(name + BOUNDS for name in VARIABLES["coordinates"]),
+)  # fmt: skip
 ON_NODES = {"mesh": "mesh", "location": "node", "coordinates": "lat lon", "grid_mapping": "sphere"}
 MEASURES = {"cell_measures": "area: area"}
 MISSING: dict[str, Any] = {"_FillValue": np.nan}

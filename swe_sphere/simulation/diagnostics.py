@@ -17,6 +17,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.files.user_file import guarded, load_file
 from swe_sphere.io.integrals import (
+    Fields,
     Norms,
     area_mean,
     by_name,
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
     from swe_sphere.equations.model import Model
     from swe_sphere.io.reference_solution import Reference
 
-Fields = dict[str, Array]
 Numbers = dict[str, float]
 F = TypeVar("F", bound=Callable[[Any], Any])
 T = TypeVar("T")

@@ -33,7 +33,7 @@ from swe_sphere.errors import (
 from swe_sphere.files.durable import clear_errors
 from swe_sphere.files.fingerprints import code_fingerprint
 from swe_sphere.files.user_file import cause, check_trusted, guarded, users_code
-from swe_sphere.io.integrals import tracer_masses
+from swe_sphere.io.integrals import Fields, tracer_masses
 from swe_sphere.logs import LOGGER
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
@@ -46,7 +46,6 @@ from swe_sphere.simulation.diagnostics import (
     DIAGNOSTICS,
     NAMES,
     Diagnostic,
-    Fields,
     Numbers,
     Snapshot,
     check_options,

@@ -13,13 +13,12 @@ from scipy.spatial import KDTree
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import RunFailed
-from swe_sphere.io.integrals import DRIFTS, area_mean, by_name, field_errors
+from swe_sphere.io.integrals import DRIFTS, Fields, area_mean, by_name, field_errors
 from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import (
-    Fields,
     Snapshot,
     exact_fields,
     flow_errors,

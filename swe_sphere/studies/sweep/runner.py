@@ -19,13 +19,12 @@ from tqdm import tqdm
 
 from swe_sphere.errors import ConfigError, RunFailed, SweError, in_one_line
 from swe_sphere.files.durable import write_whole
-from swe_sphere.io.integrals import DRIFTS, Norms
+from swe_sphere.io.integrals import DRIFTS, Fields, Norms
 from swe_sphere.io.reference_solution import OnGrid, Reference
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.diagnostics import (
     DIAGNOSTICS,
-    Fields,
     Snapshot,
     exact_fields,
     flow_errors,

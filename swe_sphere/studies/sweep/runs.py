@@ -33,6 +33,7 @@ from swe_sphere.files.fingerprints import (
     processor,
 )
 from swe_sphere.files.user_file import is_custom, is_user_file
+from swe_sphere.io.integrals import Fields
 from swe_sphere.io.reference_solution import Reference
 from swe_sphere.operators import find_device
 from swe_sphere.planet import DAY
@@ -44,7 +45,7 @@ from swe_sphere.simulation.build import (
     stepper_options,
 )
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.diagnostics import Fields, state_integrals
+from swe_sphere.simulation.diagnostics import state_integrals
 from swe_sphere.simulation.planning import RunPlan, common_measure, free_steps, time_plan
 from swe_sphere.simulation.restart import identity, run_sources
 from swe_sphere.simulation.simulation import Simulation
