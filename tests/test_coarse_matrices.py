@@ -6,7 +6,7 @@ import scipy.sparse as sp
 import warp as wp
 
 from swe_sphere.mesh import Mesh
-from swe_sphere.operators import DeviceMesh, Launcher
+from swe_sphere.operators import DeviceMesh
 from swe_sphere.operators.device_mesh import Field
 from swe_sphere.operators.lane_matrices import SlicedMatrix, TallMatrix, vector
 
@@ -40,7 +40,7 @@ def test_sweep(mesh: DeviceMesh) -> None:
     vectors = [filled(mesh, values) for values in (per_diagonal, r, d, before)]
     new, x = vector(mesh, ROWS), vector(mesh, ROWS)
     scale, residual, direction, start = vectors
-    made = SlicedMatrix(mesh, Launcher("cpu"), matrix)
+    made = SlicedMatrix(mesh, matrix)
     made.sweep((0.3, 0.7, 1.2), scale.values, residual, (direction, new), start, x)
     left = r - matrix @ d
     step = 0.3 * d + 0.7 * per_diagonal * left
@@ -53,7 +53,7 @@ def test_tall_matrix_and_its_transpose(mesh: DeviceMesh) -> None:
     few, rng = 7, np.random.default_rng(4)
     matrix = dense(ROWS, COLUMNS)[:, :few]
     x, y = rng.standard_normal(few), rng.standard_normal(ROWS + 50)
-    made = TallMatrix(mesh, Launcher("cpu"), sp.csr_array(matrix))
+    made = TallMatrix(mesh, sp.csr_array(matrix))
     source, out, back = filled(mesh, x), filled(mesh, y[:ROWS]), vector(mesh, few)
     made(source, out, add=True)
     assert out.flat.numpy()[:ROWS] == pytest.approx(y[:ROWS] + matrix @ x, abs=1e-5)

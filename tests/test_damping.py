@@ -32,7 +32,7 @@ def test_every_element_is_solved_for_itself(mesh, shape: str) -> None:
     model = Model(mesh, make_scene("pressure"), shape=shape)
     nu = 1e16
     operator = SchurOperator(
-        model.device_mesh, model.launch, GRAVITY, model.coriolis, wp.float64, lambda k2: nu * k2**2
+        model.device_mesh, GRAVITY, model.coriolis, wp.float64, lambda k2: nu * k2**2
     )
     x, out = operator.field(), operator.field()
     values = rough(mesh.size, 1)
@@ -60,7 +60,7 @@ def test_elimination_with_one_rate_for_all_waves(mesh, shape: str) -> None:
     coriolis = 3e-4 * np.sin(2.0 * mesh.lat + mesh.lon)
     damping = SHARE / TAU
     operator = SchurOperator(
-        model.device_mesh, model.launch, GRAVITY, coriolis, wp.float64,
+        model.device_mesh, GRAVITY, coriolis, wp.float64,
         lambda k2: np.full_like(k2, damping),
     )  # fmt: skip
     depth, f = 1000.0 + 300.0 * np.cos(mesh.lat), 1.0 / (1.0 + SHARE)
@@ -89,7 +89,7 @@ def test_elimination_with_one_rate_for_all_waves(mesh, shape: str) -> None:
 def test_the_longest_steps_damp_as_shorter_ones_do(mesh) -> None:
     """Nothing changes any more once the shortest waves are damped by MOST."""
     model = Model(mesh, make_scene("pressure"))
-    damping = Damping(model.device_mesh, model.launch, lambda k2: 1e16 * k2**2, wp.float64)
+    damping = Damping(model.device_mesh, lambda k2: 1e16 * k2**2, wp.float64)
     states = []
     for tau in (1e3, 1e7, 1e8):
         damping.configure(tau)

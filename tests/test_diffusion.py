@@ -23,7 +23,6 @@ from support import (
 from swe_sphere.equations.effects import Hyperviscosity
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels import Terms
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.steppers import STEPPERS
@@ -143,7 +142,7 @@ def test_it_limits_no_step(name: str) -> None:
     stepper = kind(thick, 0.9 * kind.limit(found))
     assert len(stepper.diffusion.stages) > 5
     (operation,) = stepper.model.tendency.operations
-    assert operation.operator.terms == Terms(pressure=True)
+    assert not {"nu", "nu4"} & {*operation.operator.geometry._cls.vars}
     rest = np.concatenate([np.zeros(2 * MESH.size), np.full(MESH.size, 1000.0)])
     noise = 1e-3 * (random_state(thick) - random_state(thick, 2))
     stepper.start(thick.device_mesh.upload(rest + noise))

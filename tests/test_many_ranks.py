@@ -13,6 +13,7 @@ from swe_sphere.mesh import Mesh, partition
 from swe_sphere.mesh.cubed_sphere import BLOCK
 from swe_sphere.mesh.partition import Partition, pieces
 from swe_sphere.operators.chunks import Chunks
+from swe_sphere.operators.launch import Launcher
 from swe_sphere.ranks.communicator import Communicator
 
 from .support import thorough
@@ -94,7 +95,9 @@ class OneOfMany(Communicator):
 def sums(parts, fields):
     """(ranks, width) what each rank makes of the sums of all fields (width, N)."""
     told, counts = {}, [part.spans.shape[1] for part in parts]
-    ranks = [Chunks(part, OneOfMany(r, counts, told), "cpu") for r, part in enumerate(parts)]
+    ranks = [
+        Chunks(part, Launcher("cpu", OneOfMany(r, counts, told))) for r, part in enumerate(parts)
+    ]
     for _ in range(2):  # all have sent theirs when they are asked the second time
         found = []
         for part, chunks in zip(parts, ranks, strict=True):

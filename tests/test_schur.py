@@ -54,7 +54,7 @@ class System:
         self.mesh, self.host, self.depth = mesh, matrix_of(mesh), depth_of(mesh)
         real = REALS[precision]
         on_device = DeviceMesh(mesh, model.device, real, shape)
-        self.operator = SchurOperator(on_device, model.launch, GRAVITY, self.host.coriolis, real)
+        self.operator = SchurOperator(on_device, GRAVITY, self.host.coriolis, real)
         self.diagonal = self.host.diagonal(TAU, self.depth)
         self.operator.configure(TAU, self.depth, 1.0 / self.diagonal)
         self.matrix = self.host.matrix(TAU, self.depth)
@@ -248,7 +248,7 @@ def test_symmetric_multilevel_is_symmetric(tau: float) -> None:
     model = Model(mesh, make_scene("pressure"))
     on_device = DeviceMesh(mesh, model.device, wp.float32, model.shape)
     host = SchurMatrix(mesh, GRAVITY, np.zeros(mesh.size))
-    operator = SchurOperator(on_device, model.launch, GRAVITY, host.coriolis, wp.float32)
+    operator = SchurOperator(on_device, GRAVITY, host.coriolis, wp.float32)
     depth = depth_of(mesh)
     operator.configure(tau, depth, 1.0 / host.diagonal(tau, depth))
     inner = Multilevel(operator, symmetric=True)

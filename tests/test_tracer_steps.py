@@ -87,7 +87,7 @@ def test_a_stage_is_minus_the_divergence_of_what_the_flux_carries(mesh, shape, c
     upload = model.device_mesh.upload
     u, v = 1e4 * random.standard_normal((2, n))
     depth, masses = 1000.0 + random.random(n), random.random((count, n))
-    step = MassSteps(model.device_mesh, model.launch, (count + 1) * n, n, count, depth=0)
+    step = MassSteps(model.device_mesh, (count + 1) * n, n, count, depth=0)
     flux, tau = upload(np.concatenate([u, v])), 7.0
     state = upload(np.concatenate([depth, masses.ravel()]))
     step(flux, state, tau, 1, (1.0,))
@@ -143,7 +143,7 @@ def test_symbol_of_the_derivative(np_, known):
 @pytest.mark.parametrize("shape", ["element", "node"])
 def test_speeds_across_elements_bound_the_spectrum(mesh, shape):
     model = Model(mesh, get_scene("deformational"), shape=shape)
-    crossings = Crossings(model.device_mesh, model.launch)
+    crossings = Crossings(model.device_mesh)
     ones = model.device_mesh.upload(np.ones(mesh.size))
     bound = crossings.bound(model.parameters["wind"], ones)
     radius = model.spectrum(model.initial_state()).wave

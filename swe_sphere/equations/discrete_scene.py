@@ -12,7 +12,7 @@ from swe_sphere.equations.scene import Scene, fitted, is_finite
 from swe_sphere.errors import ConfigError, NotCopyable, shown
 from swe_sphere.files.user_file import guarded
 from swe_sphere.mesh import Mesh
-from swe_sphere.operators import DeviceMesh, Launcher, find_device
+from swe_sphere.operators import DeviceMesh, find_device
 from swe_sphere.operators.device_mesh import REALS
 from swe_sphere.operators.penalty import EdgePenaltyOperator
 from swe_sphere.ranks.communicator import Communicator
@@ -38,8 +38,8 @@ class DiscreteScene(NotCopyable):
             raise ConfigError(f"launch must be element or node, got {shape!r}")
         self.mesh, self.scene, self.comm = mesh, scene, comm
         self.device, self.shape, self.precision = device, shape, precision
-        self.launch = Launcher(device, comm, mesh.np**2)
         self.device_mesh = DeviceMesh(mesh, device, REALS[precision], shape, comm)
+        self.launch = self.device_mesh.launch
         self.counters: dict[str, float] = {"rhs_evaluations": 0, "tangent_evaluations": 0}
         """Counts by name (evaluations, set-ups, ...), and seconds for names that end in seconds."""
         self.fluid = ("h",) if scene.wind else ("u", "v", "h")
@@ -80,7 +80,7 @@ class DiscreteScene(NotCopyable):
                 f"{self.scene.name}: the fluid is at rest initially: set edge-penalty.speed to the"
                 " wind speed [m s-1] expected later"
             )
-        return EdgePenaltyOperator(self.device_mesh, self.launch, effect.strength(mesh, speed))
+        return EdgePenaltyOperator(self.device_mesh, effect.strength(mesh, speed))
 
     @cached_property
     def strongest_wind(self) -> float:

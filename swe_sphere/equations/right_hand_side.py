@@ -125,21 +125,20 @@ def term_operations(
 
     given: parameters that replace those of the model.
     """
-    mesh, launch = model.device_mesh, model.launch
-    parameters = model.parameters | dict(given or {})
+    mesh, parameters = model.device_mesh, model.parameters | dict(given or {})
     operations: list[Operation] = []
     if terms.biharmonic:
         laplacian = parameters["laplacian"] = model.scratch("laplacian")
         raised = terms.bottom and not terms.tangent
         once = Terms(wind=terms.wind, bottom=raised, diffusion=True, still=True)
-        first = TendencyOperator(mesh, once, launch, model.parameters | {"nu": 1.0})
+        first = TendencyOperator(mesh, once, model.parameters | {"nu": 1.0})
         operations.append(Operation(first, source, laplacian))
     operator: Operator
     with compiling_formulas(model.scene, point):
         if terms.dynamics or terms.diffuses:
-            operator = TendencyOperator(mesh, terms, launch, parameters, point, stage)
+            operator = TendencyOperator(mesh, terms, parameters, point, stage)
         else:
-            operator = pointwise_operator(mesh, terms.unknowns, launch, parameters, point, stage)
+            operator = pointwise_operator(mesh, terms.unknowns, parameters, point, stage)
     return [*operations, Operation(operator, source)]
 
 

@@ -46,7 +46,7 @@ class TracerEquations:
         """Names of the blocks (N,)."""
         self.count = len(self.names)
         self._wind: wp.array | None = model.parameters.get("wind")
-        self._transport = TracerTransport(model.device_mesh, model.launch, self.count)
+        self._transport = TracerTransport(model.device_mesh, self.count)
         terms = element_terms(model.scene, "dissipative")
         self._diffusion = _Diffusion(self, model, terms) if terms.diffuses else None
 
@@ -79,9 +79,7 @@ class TracerEquations:
 
     def mixing_ratio(self) -> MixingRatio:
         """Return an operator that computes the mixing ratios of a state, with its own arrays."""
-        model = self._model
-        offsets = self.count, self.depth, self.first
-        return MixingRatio(model.device_mesh, model.launch, *offsets)
+        return MixingRatio(self._model.device_mesh, self.count, self.depth, self.first)
 
     def limiter(self) -> Limiter | None:
         """Return a limiter to the range of initial mixing ratios; None if the scene has none."""
@@ -90,8 +88,7 @@ class TracerEquations:
             return None
         ratios = np.stack([*mixing_ratios(self._model.scene, mesh).values()])
         bounds = ratios.min(axis=1), ratios.max(axis=1)
-        offsets = self.depth, self.first
-        return Limiter(self._model.device_mesh, self._model.launch, *offsets, *bounds)
+        return Limiter(self._model.device_mesh, self.depth, self.first, *bounds)
 
 
 def _clear(first: int, x: wp.array, out: wp.array) -> None:

@@ -16,7 +16,6 @@ from swe_sphere.arrays import Array
 from swe_sphere.kernels.simd.sums import tree
 from swe_sphere.mesh.partition import Part
 from swe_sphere.operators.launch import Launcher
-from swe_sphere.ranks.communicator import Communicator
 
 
 class Chunks:
@@ -25,10 +24,11 @@ class Chunks:
     A single process cuts its nodes, in the order of memory, into chunks of equal length.
     """
 
-    def __init__(self, part: Part, comm: Communicator, device: str) -> None:
-        size = part.nodes.size
+    def __init__(self, part: Part, launch: Launcher) -> None:
+        size, comm, device = part.nodes.size, launch.comm, launch.device
         spans = part.spans if comm.shared else equal_spans(size, math.isqrt(size) + 1)
         self._comm, self.count = comm, spans.shape[1]
+        self._launch = launch if device == "cpu" else Launcher("cpu", comm)
         self.spans = wp.array(spans, dtype=wp.int32, device=device)
         """(kinds, count, 2): chunk c holds nodes spans[k, c, 0] to spans[k, c, 1] for all k."""
         ends = np.cumsum([0, *comm.tell_all(self.count)])
@@ -58,7 +58,7 @@ class Chunks:
         Each is a pair of the sums (n, width) and a command that adds them in place: to the sums of
         the largest branches, or to the total.
         """
-        (kernel,), trees = Launcher("cpu", self._comm).compile(wp.float64, tree), []
+        (kernel,), trees = self._launch.compile(wp.float64, tree), []
         for is_whole, nodes in enumerate((self._leaves, np.concatenate(self._branches))):
             sums = wp.zeros((len(nodes), width), dtype=wp.float64, device="cpu")
             inputs = [wp.array(nodes, dtype=wp.int32, device="cpu"), is_whole, sums]

@@ -2,7 +2,7 @@
 
 import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, NotCopyable
-from swe_sphere.kernels.define import REGISTER_BYTES, lanes_of
+from swe_sphere.kernels.define import REGISTER_BYTES, Register, lanes_of, specialise
 from swe_sphere.kernels.element import work_bytes
 from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors, in_two_runs
 from swe_sphere.kernels.simd.stages import stage_struct
@@ -28,7 +28,7 @@ from swe_sphere.ranks.communicator import Communicator
 
 ALONE = Communicator()
 REALS = {"float64": wp.float64, "float32": wp.float32}
-LEAST = 32
+LEAST_AWAY = 32
 """Smallest number of groups away from the rim for which two launches pay off."""
 
 
@@ -55,12 +55,13 @@ class DeviceMesh(NotCopyable):
 
     def __init__(
         self, mesh: Mesh, device: str, real: Any, shape: str, comm: Communicator = ALONE,
-        part: Part | None = None,
+        part: Part | None = None, launch: Launcher | None = None,
     ) -> None:  # fmt: skip
         if part is None and comm.shared:
             part = Partition(mesh, comm.size).part(comm.rank)
         part = part or single_part(mesh, shape)
         self.mesh, self.part, self.comm = mesh, part, comm
+        self.launch = launch or Launcher(device, comm, mesh.np**2)
         self.device, self.real, self.shape = device, real, shape
         self.elements, self.size, self.points = part.elements.size, part.nodes.size, mesh.np**2
         """Number of elements and of nodes of this rank, and of the nodes of an element."""
@@ -82,7 +83,7 @@ class DeviceMesh(NotCopyable):
         """Return the same part in another number type or order."""
         if (real, shape) == (self.real, self.shape):
             return self
-        return DeviceMesh(self.mesh, self.device, real, shape, self.comm, self.part)
+        return DeviceMesh(self.mesh, self.device, real, shape, self.comm, self.part, self.launch)
 
     def types(self, **options: Any) -> KernelTypes:
         """Return the types of kernels on these elements; the options are those of `KernelTypes`."""
@@ -94,7 +95,7 @@ class DeviceMesh(NotCopyable):
 
     @functools.cached_property
     def chunks(self) -> Chunks:
-        return Chunks(self.part, self.comm, self.device)
+        return Chunks(self.part, self.launch)
 
     @functools.cached_property
     def nodes(self) -> wp.array:
@@ -241,7 +242,7 @@ class DeviceMesh(NotCopyable):
                 {rank: self._positions(e, width)[:, None] + offsets for rank, e in each.items()}
                 for each in (part.sends, dict(zip(part.receives, slots, strict=True)))
             )
-            self.share(field.flat, sends, receives)
+            self.register_exchange(field.flat, sends, receives)
         return field
 
     def unshared(self, unknowns: int, value: Any, blocks: int = 1) -> Field:
@@ -249,40 +250,38 @@ class DeviceMesh(NotCopyable):
         rows = blocks * self.rows // self.points
         return self.field(self.aligned((rows, self.points, unknowns), value))
 
-    def share(self, flat: wp.array, sends: Mapping[int, Any], receives: Mapping[int, Any]) -> None:
+    def register_exchange(
+        self, flat: wp.array, sends: Mapping[int, Any], receives: Mapping[int, Any]
+    ) -> None:
         """Register an array (n,) for `exchange`; all ranks must call this method together.
 
         sends, receives: by neighbour, positions of the values to send and of those to receive.
         """
         if self.comm.size > 1:
-            self.halos[flat.ptr] = Halo(self.comm, flat, sends, receives)
+            self.halos[flat.ptr] = Halo(self.launch, flat, sends, receives)
 
     def exchange(self, field: Field) -> None:
         """Fetch local results from other ranks for the nodes that this rank shares."""
         if self.halos:
             self.halos[field.flat.ptr]()
 
-    def sweep(self, launch: Launcher, field: Field) -> Callable[..., None]:
-        """Return the function (kernel, threads, 0, *inputs) that launches over all elements.
+    def sweep(self, field: Field, kernel: Any, threads: Any, *inputs: Any) -> None:
+        """Launch a kernel, whose first argument is its first group of elements, over all elements.
 
-        The kernel stores its results in `field`; the 0 is its first group of elements. Several
-        ranks launch the groups on the rim first, and exchange their results while the groups away
-        from it are computed.
+        The kernel stores its results in `field`. Several ranks launch the groups on the rim first,
+        and exchange their results while the groups away from it are computed.
         """
         if not self.halos:
-            return functools.partial(launch, cuts=self.cuts)
+            self.launch(kernel, threads, 0, *inputs, cuts=self.cuts)
+            return
         halo, away = self.halos[field.flat.ptr], self.part.away // self.lanes
-        away = away if away >= LEAST else 0
-
-        def launch_rim_first(kernel: Any, threads: Any, _: int, *arguments: Any) -> None:
-            each = threads[1:] if isinstance(threads, tuple) else ()
-            launch(kernel, (self.groups - away, *each), away, *arguments)
-            halo.start()
-            if away:
-                launch(kernel, (away, *each), 0, *arguments)
-            halo.wait()
-
-        return launch_rim_first
+        away = away if away >= LEAST_AWAY else 0
+        each = threads[1:] if isinstance(threads, tuple) else ()
+        self.launch(kernel, (self.groups - away, *each), away, *inputs)
+        halo.start()
+        if away:
+            self.launch(kernel, (away, *each), 0, *inputs)
+        halo.wait()
 
     @property
     def cuts(self) -> Cuts | None:
@@ -302,16 +301,40 @@ class DeviceMesh(NotCopyable):
             return [Span(begin, self.size)]
         return [Span(max(a, begin), b, s) for a, b, s in self.strips.spans if b > begin]
 
-    def launch_over_fields(self, launch: Launcher, kernel: Any, numbers: int, *inputs: Any) -> None:
+    def over_nodes(
+        self, kernel: Any, begin: int = 0, lanes: int | None = None, spans: Iterable[Span] = ()
+    ) -> Callable[..., None]:
+        """Return a function that launches a kernel over the nodes from `begin` on, or over `spans`.
+
+        A thread processes `lanes` numbers, by default those of a register, or one in the remainder
+        of a span. The first argument of the kernel is its first number; the function accepts the
+        other arguments.
+        """
+        runs, lanes = [], lanes or self.lanes
+        for span in spans or self.spans(begin):
+            whole = span.begin + (span.end - span.begin) // lanes * lanes
+            for n, a, b in (lanes, span.begin, whole), (1, whole, span.end):
+                if a < b:
+                    made = specialise(kernel, Register(self.real, n)), (b - a) // n, a
+                    runs.append(functools.partial(self.launch, *made, cuts=span.cut(a, b, n)))
+        self.launch.load(*(run.args[0] for run in runs))
+
+        def launch_all(*arguments: Any) -> None:
+            for run in runs:
+                run(*arguments)
+
+        return launch_all
+
+    def launch_over_fields(self, kernel: Any, numbers: int, *inputs: Any) -> None:
         """Launch a kernel, whose first argument is its first number, over fields (numbers,)."""
         if self.strips is None:
-            launch(kernel, numbers, 0, *inputs)
+            self.launch(kernel, numbers, 0, *inputs)
             return
         for field in range(0, numbers, self.size):
             for span in self.strips.spans:
                 begin, end, _ = span
                 cuts = span.cut(begin, end, 1, field)
-                launch(kernel, end - begin, field + begin, *inputs, cuts=cuts)
+                self.launch(kernel, end - begin, field + begin, *inputs, cuts=cuts)
 
     def _positions(self, entries: NDArray[Any], width: int) -> NDArray[np.int64]:
         """Return the offsets of element nodes (element np^2 + point) in rows of the length `width`.

@@ -1,6 +1,7 @@
 """Exchange of local results for nodes on the rim, while elements away from it are computed."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from swe_sphere.kernels.simd.memory import pack, unpack
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.replay import between
-from swe_sphere.ranks.communicator import Communicator, Messages
+from swe_sphere.ranks.communicator import Messages
 
 Positions = Mapping[int, NDArray[Any]]
 """Positions (...) in an array by the rank that their numbers go to or come from."""
@@ -23,19 +24,18 @@ class Buffer:
     GPU.
     """
 
-    def __init__(self, comm: Communicator, array: wp.array, positions: Positions) -> None:
+    def __init__(self, launch: Launcher, array: wp.array, positions: Positions) -> None:
         device, on_cpu = str(array.device), array.device.is_cpu
         places = np.concatenate([*(p.ravel() for p in positions.values()), np.zeros(0, int)])
-        kernels = Launcher(device, comm).compile(array.dtype, pack, unpack)
+        kernels = launch.compile(array.dtype, pack, unpack)
         self._there = wp.empty(places.size, dtype=array.dtype, device=device)
         self._here = self._there
-        if not comm.reaches(device):
+        if not launch.comm.reaches(device):
             self._here = wp.empty(places.size, dtype=array.dtype, device="cpu", pinned=not on_cpu)
         threads = 1 if on_cpu else places.size
         arguments = [array, wp.array(places, dtype=wp.int32, device=device), self._there, threads]
         self._pack, self._unpack = (
-            wp.launch(kernel, threads, arguments, device=device, record_cmd=True)
-            for kernel in kernels
+            partial(launch, kernel, threads, *arguments) for kernel in kernels
         )
         ends = np.cumsum([0, *(p.size for p in positions.values())], dtype=int).tolist()
         self.of_rank = {
@@ -48,7 +48,7 @@ class Buffer:
     def pack(self) -> None:
         """Copy the numbers from their positions."""
         if self.bytes:
-            self._pack.launch()
+            self._pack()
             if self._here is not self._there:
                 wp.copy(self._here, self._there)
 
@@ -57,7 +57,7 @@ class Buffer:
         if self.bytes:
             if self._here is not self._there:
                 wp.copy(self._there, self._here)
-            self._unpack.launch()
+            self._unpack()
 
 
 def message(array: wp.array) -> Any:
@@ -73,14 +73,14 @@ class Halo:
     """
 
     def __init__(
-        self, comm: Communicator, flat: wp.array, sends: Positions, receives: Positions,
+        self, launch: Launcher, flat: wp.array, sends: Positions, receives: Positions,
         into: wp.array | None = None,
     ) -> None:  # fmt: skip
         """Prepare the messages; a rank may send to itself.
 
         into: the array that receives, if it is not `flat`.
         """
-        into = flat if into is None else into
+        into, comm = flat if into is None else into, launch.comm
         self._device, self._on_gpu = str(flat.device), flat.device.is_cuda
         in_place, scattered = {}, {}
         for rank, places in receives.items():
@@ -90,7 +90,7 @@ class Halo:
                 in_place[rank] = message(into[run])
             else:
                 scattered[rank] = places
-        self.going, self._coming = Buffer(comm, flat, sends), Buffer(comm, into, scattered)
+        self.going, self._coming = Buffer(launch, flat, sends), Buffer(launch, into, scattered)
         self._messages = Messages(comm, self.going.of_rank, in_place | self._coming.of_rank)
 
     def __call__(self) -> None:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from swe_sphere.kernels import Register
 from swe_sphere.kernels.coarse import sweep, tall_parts, tall_product, tall_total
 from swe_sphere.operators.device_mesh import DeviceMesh, Field
-from swe_sphere.operators.launch import Launcher
 
 
 def vector(mesh: DeviceMesh, size: int) -> Field:
@@ -53,9 +52,9 @@ class SlicedMatrix:
     lane, which takes longer; numberings that follow the elements have few diagonals.
     """
 
-    def __init__(self, mesh: DeviceMesh, launch: Launcher, matrix: scipy.sparse.csr_array) -> None:
+    def __init__(self, mesh: DeviceMesh, matrix: scipy.sparse.csr_array) -> None:
         register = Register(mesh.real, mesh.lanes, whole=False)
-        self._launch, (self._kernel,) = launch, launch.compile(register, sweep)
+        self._launch, (self._kernel,) = mesh.launch, mesh.launch.compile(register, sweep)
         self._groups = -(-matrix.shape[0] // mesh.lanes)
         starts, diagonals, values = _grouped(mesh, matrix, shifted=True)
         self._entries = starts, wp.array(diagonals, dtype=wp.int32, device=mesh.device), values
@@ -83,9 +82,9 @@ class TallMatrix:
     `SlicedMatrix` would have one for each lane and column.
     """
 
-    def __init__(self, mesh: DeviceMesh, launch: Launcher, matrix: scipy.sparse.csr_array) -> None:
-        self._launch, register = launch, Register(mesh.real, mesh.lanes, whole=False)
-        self._product, self._part, self._total = launch.compile(
+    def __init__(self, mesh: DeviceMesh, matrix: scipy.sparse.csr_array) -> None:
+        self._launch, register = mesh.launch, Register(mesh.real, mesh.lanes, whole=False)
+        self._product, self._part, self._total = mesh.launch.compile(
             register, tall_product, tall_parts, tall_total
         )
         rows, self._few = matrix.shape

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.compiling import compiling
 from swe_sphere.errors import ConfigError, NotCopyable
-from swe_sphere.kernels.define import Register, specialise
+from swe_sphere.kernels.define import specialise
 from swe_sphere.kernels.simd.shared_lines import block_threads
 from swe_sphere.kernels.vectors import ADDERS
 from swe_sphere.ranks.communicator import Communicator
@@ -210,30 +210,6 @@ def _identity(argument: Any) -> object:
     if isinstance(argument, wp.array):
         return argument.ptr
     return argument if isinstance(argument, int | float) else id(argument)
-
-
-def in_runs(
-    launch: Launcher, kernel: Any, real: Any, lanes: int, *spans: Span
-) -> Callable[..., None]:
-    """Return a function that launches a kernel over all numbers in the spans.
-
-    A thread processes `lanes` numbers of type `real`, or one in the remainder of a span. The first
-    argument of the kernel is its first number; the function accepts the other arguments.
-    """
-    runs = []
-    for span in spans:
-        whole = span.begin + (span.end - span.begin) // lanes * lanes
-        for n, a, b in (lanes, span.begin, whole), (1, whole, span.end):
-            if a < b:
-                made = specialise(kernel, Register(real, n)), (b - a) // n, a
-                runs.append(functools.partial(launch, *made, cuts=span.cut(a, b, n)))
-    launch.load(*(run.args[0] for run in runs))
-
-    def launch_all(*arguments: Any) -> None:
-        for run in runs:
-            run(*arguments)
-
-    return launch_all
 
 
 def find_device(name: str, local: int = 0) -> str:

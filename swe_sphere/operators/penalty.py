@@ -13,7 +13,7 @@ from swe_sphere.kernels.local import field_kernel
 from swe_sphere.kernels.pointwise import NO_POINTWISE, pointwise_sum
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.diagnose import assemble
-from swe_sphere.operators.launch import REMEMBERED, Launcher, in_runs
+from swe_sphere.operators.launch import REMEMBERED
 
 
 class EdgePenaltyOperator:
@@ -22,14 +22,13 @@ class EdgePenaltyOperator:
     The coefficient gamma of an element is `strength` (E,) [m2 s-1], see `kernels/diffusion.py`.
     """
 
-    def __init__(self, mesh: DeviceMesh, launch: Launcher, strength: Array) -> None:
-        self._mesh, self._launch = mesh, launch
-        terms, direct = Terms(jumps=True), mesh.lanes > 1
+    def __init__(self, mesh: DeviceMesh, strength: Array) -> None:
+        self._mesh, terms, direct = mesh, Terms(jumps=True), mesh.lanes > 1
         types = mesh.types(terms=terms, point=pointwise_sum(2, NO_POINTWISE) if direct else None)
         finish = finish_rates(types, 2) if direct else None
         self._derivatives = field_kernel(types, derivatives)
         self._weak_form = field_kernel(types, weak_form, finish)
-        launch.load(self._derivatives, self._weak_form)
+        mesh.launch.load(self._derivatives, self._weak_form)
         at_edge = np.pad(np.zeros((mesh.mesh.np - 2,) * 2), 1, constant_values=1.0)
         gamma = strength[:, None, None] * at_edge
         weight = assemble(mesh.mesh, gamma * mesh.mesh.quadrature * mesh.mesh.jacobian)
@@ -46,9 +45,8 @@ class EdgePenaltyOperator:
         self._geometry = mesh.geometry(self._kind, self._given)
         self._given["derivative"] = mesh.upload(np.ascontiguousarray(mesh.mesh.derivative.T))
         self._stages: dict[Any, tuple[Any, Any]] = {}
-        run = launch, assemble_blocks, mesh.real, mesh.lanes
-        self._sum_means = in_runs(*run, *mesh.spans(int(np.sum(mesh.part.counts == 1))))
-        self._sum = in_runs(*run, *mesh.spans(mesh.inner if direct else 0))
+        self._sum_means = mesh.over_nodes(assemble_blocks, int(np.sum(mesh.part.counts == 1)))
+        self._sum = mesh.over_nodes(assemble_blocks, mesh.inner if direct else 0)
 
     def __call__(self, x: wp.array, factor: float, out: wp.array, start: wp.array) -> None:
         """Set the wind of `out` to start's wind plus `factor` [s] times the penalty of x's wind.
@@ -59,14 +57,12 @@ class EdgePenaltyOperator:
         threads, jumps, weak = mesh.threads(1), self._jumps, self._weak
         shape = mesh.lanes, mesh.size, 2, 0
         stage, geometry = self._stage_of(factor, out, start)
-        mesh.sweep(self._launch, jumps)(
-            self._derivatives, threads, 0, self._geometry, x, x, 0, 1, jumps.values, x
-        )
+        wind = x, x, 0, 1
+        mesh.sweep(jumps, self._derivatives, threads, self._geometry, *wind, jumps.values, x)
         places = mesh.places(2)
         self._sum_means(places, self._mean_scale, *shape, jumps.flat, mesh.stage, means)
-        mesh.sweep(self._launch, weak)(
-            self._weak_form, threads, 0, geometry, means, means, 0, 1, weak.values, out
-        )
+        averaged = means, means, 0, 1
+        mesh.sweep(weak, self._weak_form, threads, geometry, *averaged, weak.values, out)
         self._sum(places, mesh.inverse_area, *shape, weak.flat, stage, out)
 
     def _stage_of(self, factor: float, out: wp.array, start: wp.array) -> tuple[Any, Any]:

@@ -27,7 +27,6 @@ from swe_sphere.kernels.damping import covariant, damp, joined, physical
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import sparse
 from swe_sphere.operators.device_mesh import DeviceMesh, Field
-from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.sparse import column_squares
 
 MOST = 5.0
@@ -46,11 +45,11 @@ class Damping:
     element is a rectangle of its mean size.
     """
 
-    def __init__(self, mesh: DeviceMesh, launch: Launcher, rate: Rate, given: Any) -> None:
-        self._mesh, self._launch, self._rate = mesh, launch, rate
+    def __init__(self, mesh: DeviceMesh, rate: Rate, given: Any) -> None:
+        self._mesh, self._launch, self._rate = mesh, mesh.launch, rate
         types = mesh.types(given=given)
         self._dim = mesh.groups, mesh.points // types.share
-        self._filter, self._covariant, self._physical, self._joined = launch.compile(
+        self._filter, self._covariant, self._physical, self._joined = mesh.launch.compile(
             types, damp, covariant, physical, joined
         )
         d, weights, basis = mesh.mesh.derivative, mesh.mesh.gll_weights, mesh.mesh.basis
@@ -132,10 +131,10 @@ class SchurOperator:
     """
 
     def __init__(
-        self, mesh: DeviceMesh, launch: Launcher, gravity: float, coriolis: Array, given: Any,
+        self, mesh: DeviceMesh, gravity: float, coriolis: Array, given: Any,
         damping: Rate | None = None,
     ) -> None:  # fmt: skip
-        self.mesh, self.launch, self.gravity, self.coriolis = mesh, launch, gravity, coriolis
+        self.mesh, self.gravity, self.coriolis = mesh, gravity, coriolis
         self.size, self.tau = mesh.size, 0.0
         types = mesh.types(terms=Terms(waves=True), given=given, whole=False)
         self._value, self._together = types.value, specialise(helmholtz.together, types)
@@ -150,7 +149,7 @@ class SchurOperator:
         self._geometry = mesh.geometry(types.geometry, arrays)
         passages = helmholtz.spread, helmholtz.collect
         self._passages = functools.cache(
-            lambda given: launch.compile(mesh.types(given=given, whole=False), *passages)
+            lambda given: mesh.launch.compile(mesh.types(given=given, whole=False), *passages)
         )
         """Kernels that copy vectors of a number type to fields and back."""
         self._f1, self._f2 = self.field(), self.field()
@@ -160,15 +159,15 @@ class SchurOperator:
         self._same, self._cross, self._nodal = (
             wp.zeros(self.size, dtype=mesh.real, device=mesh.device) for _ in range(3)
         )
-        self.damping = None if damping is None else Damping(mesh, launch, damping, given)
+        self.damping = None if damping is None else Damping(mesh, damping, given)
         """Operator F of implicit diffusion; None without diffusion."""
-        self._gradient, self._wind_fluxes, self._slope_fluxes, *others = launch.compile(
+        self._gradient, self._wind_fluxes, self._slope_fluxes, *others = mesh.launch.compile(
             types, helmholtz.gradient, helmholtz.wind_fluxes, helmholtz.slope_fluxes,
             helmholtz.eliminated, helmholtz.chebyshev, helmholtz.substituted,
         )  # fmt: skip
         self._eliminated, self._chebyshev, self._substituted = others
         if not self._together:
-            (self._divergence,) = launch.compile(types, helmholtz.divergence)
+            (self._divergence,) = mesh.launch.compile(types, helmholtz.divergence)
 
     def field(self) -> Field:
         return self.mesh.unshared(1, self._value)
@@ -176,12 +175,13 @@ class SchurOperator:
     def spread(self, x: wp.array, out: Field) -> None:
         """Copy a nodal vector (N,) of any number type to a field."""
         kernel, _ = self._passages(x.dtype)
-        self.launch(kernel, self.dim, 0, self.mesh.nodes, x, out.values, cuts=self.mesh.cuts)
+        mesh = self.mesh
+        mesh.launch(kernel, self.dim, 0, mesh.nodes, x, out.values, cuts=mesh.cuts)
 
     def collect(self, x: Field, out: wp.array) -> None:
         """Copy a field, with the same bits in all elements of a node, to a nodal vector (N,)."""
         _, kernel = self._passages(out.dtype)
-        self.mesh.launch_over_fields(self.launch, kernel, self.size, self.mesh.of_own, x.flat, out)
+        self.mesh.launch_over_fields(kernel, self.size, self.mesh.of_own, x.flat, out)
 
     def put(self, values: Array, x: Field) -> None:
         """Copy values (N,) from the host to a field."""
@@ -216,7 +216,7 @@ class SchurOperator:
             r = self.damping.damp_wind(r)
         self._diverge(self._wind_fluxes, r)
         local = self._local.values, self._local.flat
-        self._launch(self._eliminated, *local, r, self.tau, b.values)
+        self._over_elements(self._eliminated, *local, r, self.tau, b.values)
 
     def substitute(self, r: wp.array, h: Field, out: wp.array) -> None:
         """Set out (3N,) = (T (r_V - tau g G h), h); r must be that of the last `eliminate`."""
@@ -224,7 +224,7 @@ class SchurOperator:
             r = self.damping.state
         self._differentiate(h)
         self.mesh.launch_over_fields(
-            self.launch, self._substituted, self.size, self.mesh.places(1), self.mesh.of_own,
+            self._substituted, self.size, self.mesh.places(1), self.mesh.of_own,
             self.mesh.inverse_area, self._same, self._cross, self.size, self._east.flat,
             self._north.flat, h.flat, r, self.tau * self.gravity, out,
         )  # fmt: skip
@@ -264,7 +264,7 @@ class SchurOperator:
         self._smooth(-1.0, coefficients, b or r, d, r, d, x)
 
     def _smooth(self, sign: float, coefficients: Step, *fields: Field) -> None:
-        self._launch(
+        self._over_elements(
             self._chebyshev, self._local.values, self._local.flat, sign,
             self.tau**2 * self.gravity, *coefficients, *(field.values for field in fields),
         )  # fmt: skip
@@ -273,21 +273,19 @@ class SchurOperator:
         if self.damping is not None:
             self.damping.damp_twice(x, self._f1)
             x = self._f1
-        self.mesh.sweep(self.launch, self._slopes)(
-            self._gradient, self.dim, 0, self._geometry, x.values, self._east.values,
-            self._north.values,
-        )  # fmt: skip
+        slopes = self._east.values, self._north.values
+        self.mesh.sweep(self._slopes, self._gradient, self.dim, self._geometry, x.values, *slopes)
 
     def _diverge(self, of_fluxes: Any, *arguments: Any) -> None:
         results = self._f1.values, self._f2.values, self._local.values
         arguments, last = (*arguments, *results), of_fluxes
         if not self._together:
-            self._launch(of_fluxes, *arguments)
+            self._over_elements(of_fluxes, *arguments)
             arguments, last = results, self._divergence
-        self.mesh.sweep(self.launch, self._local)(last, self.dim, 0, self._geometry, *arguments)
+        self.mesh.sweep(self._local, last, self.dim, self._geometry, *arguments)
 
-    def _launch(self, kernel: Any, *arguments: Any) -> None:
-        self.launch(kernel, self.dim, 0, self._geometry, *arguments, cuts=self.mesh.cuts)
+    def _over_elements(self, kernel: Any, *arguments: Any) -> None:
+        self.mesh.launch(kernel, self.dim, 0, self._geometry, *arguments, cuts=self.mesh.cuts)
 
 
 class SchurMatrix:

@@ -10,7 +10,6 @@ from swe_sphere.kernels import Terms, specialise, tendency_kernels
 from swe_sphere.kernels.assembly import assembly_kernels
 from swe_sphere.kernels.pointwise import NO_POINTWISE, Pointwise, pointwise_sum
 from swe_sphere.operators.device_mesh import DeviceMesh
-from swe_sphere.operators.launch import Launcher, in_runs
 
 
 class TendencyOperator:
@@ -24,11 +23,10 @@ class TendencyOperator:
     """
 
     def __init__(
-        self, mesh: DeviceMesh, terms: Terms, launch: Launcher, parameters: Mapping[str, Any],
+        self, mesh: DeviceMesh, terms: Terms, parameters: Mapping[str, Any],
         point: Pointwise = NO_POINTWISE, stage: Any = None,
     ) -> None:  # fmt: skip
-        self.mesh, self.terms, self._launch = mesh, terms, launch
-        self._stage = mesh.stage if stage is None else stage
+        self.mesh, self._stage = mesh, mesh.stage if stage is None else stage
         inside = terms.dynamics
         if terms.diffuses:
             inside = not terms.dynamics and replace(point, tangent=False) == NO_POINTWISE
@@ -42,20 +40,17 @@ class TendencyOperator:
         self.geometry = mesh.geometry(types.geometry, parameters | {"point": self._own})
         self._turned = self.geometry.base if terms.poisson else None
         self.local, self._places = mesh.scratch(unknowns, types.value), mesh.places(unknowns)
-        lanes, begin = (mesh.lanes, mesh.inner) if direct else (1, 0)
-        self._assemble = in_runs(launch, assembly, mesh.real, lanes, *mesh.spans(begin))
+        begin, lanes = (mesh.inner, mesh.lanes) if direct else (0, 1)
+        self._assemble = mesh.over_nodes(assembly, begin, lanes)
         """Launches of DSS at the nodes that the kernel over elements has not finished."""
-        self.kernels = [self._kernel, specialise(assembly, mesh.real), *self._fluxes]
-        """The kernels with one node or one group of elements per thread."""
-        launch.load(*self.kernels)
+        mesh.launch.load(self._kernel, *self._fluxes)
 
     def __call__(self, x: wp.array, out: wp.array) -> None:
         """Evaluate at the state x; `out` must be another array."""
-        mesh, launch, local = self.mesh, self._launch, self.local
+        mesh, local = self.mesh, self.local
         for flux in self._fluxes:
-            launch(flux, mesh.threads(), self.geometry, x)
-        arguments = self.geometry, x, local.values, out
-        mesh.sweep(launch, local)(self._kernel, mesh.threads(), 0, *arguments)
+            mesh.launch(flux, mesh.threads(), self.geometry, x)
+        mesh.sweep(local, self._kernel, mesh.threads(), self.geometry, x, local.values, out)
         wind = x if self._turned is None else self._turned
         self._assemble(
             self._places, mesh.inverse_area, mesh.lanes, mesh.size, local.flat, self._own, wind,
@@ -64,19 +59,19 @@ class TendencyOperator:
 
 
 def pointwise_operator(
-    mesh: DeviceMesh, unknowns: int, launch: Launcher, parameters: Mapping[str, Any],
-    point: Pointwise, stage: Any = None,
+    mesh: DeviceMesh, unknowns: int, parameters: Mapping[str, Any], point: Pointwise,
+    stage: Any,
 ) -> Callable[[wp.array, wp.array], None]:  # fmt: skip
     """Return the function (x, out) of the pointwise terms for a model without derivatives.
 
     Arguments are those of `TendencyOperator`.
     """
-    (alone,) = launch.compile(mesh.real, assembly_kernels(unknowns, point)[1])
+    (alone,) = mesh.launch.compile(mesh.real, assembly_kernels(unknowns, point)[1])
     structure = specialise(pointwise_sum(unknowns, point).structure, mesh.real)
     own, stage = fill(structure, {"base": None, **parameters}, point), stage or mesh.stage
 
     def evaluate(x: wp.array, out: wp.array) -> None:
-        launch(alone, mesh.size, mesh.size, own, x, stage, out)
+        mesh.launch(alone, mesh.size, mesh.size, own, x, stage, out)
 
     return evaluate
 

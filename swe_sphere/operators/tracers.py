@@ -14,7 +14,6 @@ from swe_sphere.kernels.limiter import fill_rooms, limit_elements, limit_sphere,
 from swe_sphere.kernels.local import field_kernel
 from swe_sphere.kernels.tracers import correct, crossings, follow, mixing_ratio
 from swe_sphere.operators.device_mesh import DeviceMesh
-from swe_sphere.operators.launch import Launcher, in_runs
 from swe_sphere.operators.replay import Replay
 from swe_sphere.ranks.limits import check_stop
 
@@ -22,14 +21,14 @@ from swe_sphere.ranks.limits import check_stop
 class TracerTransport:
     """Transport -div(hq V) of `count` tracers, whose blocks (N,) are consecutive in a vector."""
 
-    def __init__(self, mesh: DeviceMesh, launch: Launcher, count: int) -> None:
-        self.mesh, self.count, self._launch = mesh, count, launch
+    def __init__(self, mesh: DeviceMesh, count: int) -> None:
+        self.mesh, self.count = mesh, count
         types = mesh.types()
         self._kernel = field_kernel(types, transport(False))
-        self._assemble = in_runs(launch, assemble_blocks, mesh.real, mesh.lanes, *mesh.spans())
+        self._assemble = mesh.over_nodes(assemble_blocks)
         self._geometry = mesh.geometry(types.geometry)
         self._local, self._places = mesh.scratch(count, types.value), mesh.places(count)
-        launch.load(self._kernel)
+        mesh.launch.load(self._kernel)
 
     def __call__(
         self, wind: wp.array, x: wp.array, first: int, out: wp.array, to: int, stage: Any = None,
@@ -42,7 +41,7 @@ class TracerTransport:
         mesh, local, count = self.mesh, self._local, self.count
         kernel, stage = kernel or self._kernel, mesh.stage if stage is None else stage
         arguments = self._geometry, wind, x, first, count, local.values, x
-        mesh.sweep(self._launch, local)(kernel, mesh.threads(count), 0, *arguments)
+        mesh.sweep(local, kernel, mesh.threads(count), *arguments)
         numbers = mesh.lanes, mesh.size, count, to
         self._assemble(self._places, mesh.inverse_area, *numbers, local.flat, stage, out)
 
@@ -53,7 +52,7 @@ class TracerTransport:
     @cached_property
     def _tangent(self) -> Any:  # explicit steppers never compile it
         kernel = field_kernel(self.mesh.types(), transport(True))
-        self._launch.load(kernel)
+        self.mesh.launch.load(kernel)
         return kernel
 
 
@@ -63,14 +62,12 @@ class MixingRatio:
     `depth` and `first`: offsets of the depth and of the first tracer in a state vector.
     """
 
-    def __init__(
-        self, mesh: DeviceMesh, launch: Launcher, count: int, depth: int, first: int
-    ) -> None:
-        self._launch, self._offsets = launch, (depth, first, mesh.size)
+    def __init__(self, mesh: DeviceMesh, count: int, depth: int, first: int) -> None:
+        self._launch, self._offsets = mesh.launch, (depth, first, mesh.size)
         self._dim = (count, mesh.size)
         self.values = wp.zeros(count * mesh.size, dtype=mesh.real, device=mesh.device)
         """(count*N,) mixing ratios of the last `set`."""
-        self._ratio, self._follow, self._correct = launch.compile(
+        self._ratio, self._follow, self._correct = mesh.launch.compile(
             mesh.real, mixing_ratio, follow, correct
         )
 
@@ -97,21 +94,21 @@ class Limiter:
     """
 
     def __init__(
-        self, mesh: DeviceMesh, launch: Launcher, depth: int, first: int, lower: Array, upper: Array
+        self, mesh: DeviceMesh, depth: int, first: int, lower: Array, upper: Array
     ) -> None:
         """Prepare for the offsets `depth` and `first` in states, and bounds for each tracer."""
-        self._mesh, self._launch, self._count = mesh, launch, lower.size
+        self._mesh, self._launch, self._count = mesh, mesh.launch, lower.size
         self._offsets = (depth, first)
         self._bounds = (mesh.upload(lower), mesh.upload(upper))
-        types, run = mesh.types(), (mesh.real, mesh.lanes, *mesh.spans())
+        types, launch = mesh.types(), mesh.launch
         self._inside, self._sums, self._parts = launch.compile(
             types, limit_elements, sum_rooms, fill_rooms
         )
-        self._fill = in_runs(launch, limit_sphere, *run)
+        self._fill = mesh.over_nodes(limit_sphere)
         self._geometry = mesh.geometry(types.geometry)
         self._local = mesh.scratch(self._count, types.value)
         self._places = mesh.places(self._count)
-        self._add = in_runs(launch, assemble_blocks, *run)
+        self._add = mesh.over_nodes(assemble_blocks)
         area = mesh.restrict(mesh.mesh.area)
         self._area = wp.array(area, dtype=wp.float64, device=mesh.device)
         chunks, count = mesh.chunks, self._count
@@ -131,9 +128,9 @@ class Limiter:
 
     def _limit(self, state: wp.array) -> None:
         mesh, chunks, (_, first) = self._mesh, self._mesh.chunks, self._offsets
-        mesh.sweep(self._launch, self._local)(
-            self._inside, mesh.groups, 0, self._geometry, state, *self._offsets, self._count,
-            *self._bounds, self._local.values,
+        mesh.sweep(
+            self._local, self._inside, mesh.groups, self._geometry, state, *self._offsets,
+            self._count, *self._bounds, self._local.values,
         )  # fmt: skip
         self._add(
             self._places, mesh.inverse_area, mesh.lanes, mesh.size, self._count, first,
@@ -156,17 +153,18 @@ class Limiter:
 class Crossings:
     """Measures how fast a mass flux crosses elements."""
 
-    def __init__(self, mesh: DeviceMesh, launch: Launcher) -> None:
-        self._mesh, self._launch, types = mesh, launch, mesh.types()
+    def __init__(self, mesh: DeviceMesh) -> None:
+        self._mesh, types = mesh, mesh.types()
         self._symbol = symbol(mesh.mesh.derivative, mesh.mesh.gll_weights)
-        (self._kernel,) = launch.compile(types, crossings)
+        (self._kernel,) = mesh.launch.compile(types, crossings)
         self._geometry = mesh.geometry(types.geometry)
         self._most = wp.zeros(mesh.groups, dtype=types.value, device=mesh.device)
 
     def bound(self, flux: wp.array, air: wp.array) -> float:
         """Return the spectral radius [s-1] of q -> div(q flux) / air, or up to a third more."""
-        self._launch(self._kernel, self._mesh.groups, self._geometry, flux, air, self._most)
-        return self._symbol * float(self._mesh.comm.of_each(self._most.numpy().max()).max())
+        mesh = self._mesh
+        mesh.launch(self._kernel, mesh.groups, self._geometry, flux, air, self._most)
+        return self._symbol * float(mesh.comm.of_each(self._most.numpy().max()).max())
 
 
 class MassSteps:
@@ -177,16 +175,15 @@ class MassSteps:
     """
 
     def __init__(
-        self, mesh: DeviceMesh, launch: Launcher, size: int, first: int, count: int,
-        depth: int | None = None,
-    ) -> None:  # fmt: skip
-        self._mesh, self._launch, self._first = mesh, launch, first
-        self._transport = TracerTransport(mesh, launch, count)
+        self, mesh: DeviceMesh, size: int, first: int, count: int, depth: int | None = None
+    ) -> None:
+        self._mesh, self._first = mesh, first
+        self._transport = TracerTransport(mesh, count)
         self._work = wp.zeros(size, dtype=mesh.real, device=mesh.device)
         self._ratio: MixingRatio | None = None
         if depth is not None:
-            self._ratio = MixingRatio(mesh, launch, count, depth, first)
-            self._air_transport = TracerTransport(mesh, launch, 1)
+            self._ratio = MixingRatio(mesh, count, depth, first)
+            self._air_transport = TracerTransport(mesh, 1)
             self._ones = mesh.upload(np.ones(mesh.size))
             self._old, self._rate = (wp.zeros_like(self._ones) for _ in "or")
             self._depth = slice(depth, depth + mesh.size)
@@ -215,7 +212,7 @@ class MassSteps:
         if self._ratio is None:
             return state, self._first
         depth = state[self._depth]
-        self._launch.combine(self._old, self._rate, t, out=depth)
+        self._mesh.launch.combine(self._old, self._rate, t, out=depth)
         self._ratio.set(state)
         return self._ratio.values, 0
 

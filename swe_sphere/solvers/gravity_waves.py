@@ -63,7 +63,7 @@ def wave_operator(model: Model, rest: wp.array) -> Operator:
     """Return L for wind and depth about a state of rest: out = L d from (d, out)."""
     terms = Terms(pressure=True, tangent=True)
     parameters = {"gravity": model.scene.planet.gravity, "base": rest}
-    operator = TendencyOperator(model.device_mesh, terms, model.launch, parameters)
+    operator = TendencyOperator(model.device_mesh, terms, parameters)
     return recorded(model.launch, operator)
 
 
@@ -119,8 +119,8 @@ class TracerWaves:
         self._launch, (self._carry,) = model.launch, model.launch.compile(mesh.real, mass_flux)
         self._flow = mesh.upload(np.zeros(2 * n))
         self._ratio = tracers.mixing_ratio()
-        self._transport = TracerTransport(mesh, model.launch, count)
-        self._air_transport = TracerTransport(mesh, model.launch, 1)
+        self._transport = TracerTransport(mesh, count)
+        self._air_transport = TracerTransport(mesh, 1)
         self._flux, self._air = mesh.upload(np.zeros(count * n)), mesh.upload(np.zeros(n))
         self._ones, self._rate = mesh.upload(np.ones(n)), mesh.stage
         self._units = [model.zeros() for _ in range(count)]
@@ -221,7 +221,7 @@ class GravityWaves:
         for operator in (self.operator, self._rough):
             operator.configure(tau, self.depth, inverse)
         self._inner.setup(tau, self.depth)
-        launch = self.operator.launch
+        launch = self.operator.mesh.launch
         self._system = recorded(launch, self._product)
         self._precondition = recorded(launch, self._inverse)
         self._counters["setups"] += 1

@@ -7,7 +7,6 @@ how many ranks share the vectors.
 """
 
 import ctypes
-import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -18,13 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels import specialise
 from swe_sphere.kernels.simd.sums import SPAN, combinations, scaled_sum, weighted_products
 from swe_sphere.kernels.vectors import axpby, combine_rows, least, products
 from swe_sphere.operators import DeviceMesh
 from swe_sphere.operators.chunks import equal_spans
 from swe_sphere.operators.launch import Launcher
-from swe_sphere.ranks.communicator import Communicator
 
 MOST_VIEWS = 512
 BLOCKS = 64
@@ -87,9 +84,10 @@ class VectorSpace:
         self.device, dtype = str(wp.get_device(device)), wp.dtype_to_numpy(self.real)
         self.dtype, self.epsilon = np.dtype(dtype), float(np.finfo(dtype).eps)
         self._weights = wp.array(values, dtype=wp.float64, device=self.device)
-        self._comm, self._shared, self._size = Communicator(), None, self.n
+        self._launch = Launcher(self.device) if mesh is None else mesh.launch
+        self._comm, self._shared, self._size = self._launch.comm, None, self.n
         if mesh is not None and mesh.comm.shared:
-            self._comm, self._shared, self._size = mesh.comm, mesh.chunks, mesh.size
+            self._shared, self._size = mesh.chunks, mesh.size
             self._spans = mesh.chunks.spans
         else:
             length = SPAN if isinstance(self, HostSpace) else -(-self.n // BLOCKS)
@@ -160,18 +158,15 @@ class HostSpace(VectorSpace):
         self._call = wp.zeros(4, dtype=wp.uint64, device="cpu")
         self._arguments, self._listed = self._call.numpy(), np.empty(0, np.uint64)
         self._products, self._coefficients = np.empty(0), np.empty(0)
+        self._sum, self._weighted, self._combination = self._launch.compile(
+            self.real, scaled_sum, weighted_products, combinations
+        )
+        factors, self._threads = wp.zeros(2, dtype=wp.float64, device="cpu"), -(-self.n // SPAN)
+        self._factors = factors.numpy()
+        self._sum_of_two = self._record(self._sum, self._threads, [self._call, factors, self.n])
 
-    def _record(self, template: Any, threads: int, inputs: list[Any]) -> Any:
-        (kernel,) = Launcher("cpu", self._comm).compile(self.real, template)
+    def _record(self, kernel: Any, threads: int, inputs: list[Any]) -> Any:
         return wp.launch(kernel, threads, inputs, device="cpu", record_cmd=True)
-
-    @functools.cached_property
-    def _sum_of_two(self) -> tuple[Any, Array]:
-        """Recorded command for the sum of two vectors, and its two factors."""
-        factors = wp.zeros(2, dtype=wp.float64, device="cpu")
-        inputs = [self._call, factors, self.n]
-        command = self._record(scaled_sum, -(-self.n // SPAN), inputs)
-        return command, factors.numpy()
 
     def view(self, x: wp.array) -> NDArray[Any]:
         """Return the memory of a Warp array as a numpy array of the same shape.
@@ -206,9 +201,8 @@ class HostSpace(VectorSpace):
         self, a: float, x: wp.array, b: float, y: wp.array, out: wp.array | None = None
     ) -> None:
         self._arguments[:3] = *map(self._address, (x, y)), self._address(y if out is None else out)
-        command, factors = self._sum_of_two
-        factors[:] = a, b
-        command.launch()
+        self._factors[:] = a, b
+        self._sum_of_two.launch()
 
     def scale(self, a: float, x: wp.array) -> None:
         target = self.view(x)
@@ -225,7 +219,7 @@ class HostSpace(VectorSpace):
         if len(arguments) > self._listed.size:
             call = wp.zeros(3 + 3 * max(len(calls), 8), dtype=wp.uint64, device="cpu")
             self._listed, inputs = call.numpy(), [call, self._weights, self._spans, self._size]
-            self._multiply = self._record(weighted_products, 1, inputs)
+            self._multiply = self._record(self._weighted, 1, inputs)
         self._listed[: len(arguments)] = arguments
         self._multiply.launch()
         return self._products[:count] if self._shared is None else self._shared.total(count)
@@ -240,8 +234,7 @@ class HostSpace(VectorSpace):
         if c.size >= self._coefficients.size:
             coefficients = wp.zeros(1 + max(2 * c.size, 16), dtype=wp.float64, device="cpu")
             self._coefficients, inputs = coefficients.numpy(), [self._call, coefficients, self.n]
-            threads = -(-self.n // SPAN)
-            self._add_up = self._record(combinations, threads, inputs)
+            self._add_up = self._record(self._combination, self._threads, inputs)
         self._coefficients[0], self._coefficients[1 : 1 + c.size] = scale, c
         self._arguments[:4] = *map(self._address, (x, stack, out)), c.size
         self._add_up.launch()
@@ -252,9 +245,9 @@ class DeviceSpace(VectorSpace):
 
     def _allocate(self) -> None:
         self._blocks = self._spans.shape[1]
-        self._combine, self._axpby, self._sum, self._least = (
-            specialise(kernel, self.real) for kernel in (combine_rows, axpby, products, least)
-        )
+        kernels = combine_rows, axpby, products, least
+        blocks = Launcher(self.device, self._comm)  # of BLOCK_THREADS threads
+        self._combine, self._axpby, self._sum, self._least = blocks.compile(self.real, *kernels)
         self._reserve(32)
 
     def _reserve(self, rows: int) -> None:
@@ -285,9 +278,6 @@ class DeviceSpace(VectorSpace):
     def scale(self, a: float, x: wp.array) -> None:
         self.axpby(a, x, 0.0, x)
 
-    def dots(self, *pairs: tuple[wp.array, wp.array]) -> Array:
-        return self.projections(*((a.reshape((1, self.n)), 1, b) for a, b in pairs))
-
     def projections(self, *calls: tuple[wp.array, int, wp.array]) -> Array:
         count = sum(rows for _, rows, _ in calls)
         if count > self._rows:
@@ -295,6 +285,7 @@ class DeviceSpace(VectorSpace):
         row = 0
         for stack, rows, v in calls:
             partial = self._partial[row : row + rows]
+            stack = stack.reshape((1, self.n)) if stack.ndim == 1 else stack
             inputs = [stack, self._weights, v, self._spans, self._size, partial]
             self._reduce(self._sum, rows, inputs)
             row += rows

@@ -33,7 +33,7 @@ class PoissonTendency:
         terms = Terms(advection=True, pressure=True, poisson=True)
         point = Pointwise(rotation=scene.coriolis is not None, forcing=scene.forcing is not None)
         own = model.parameters | {"base": self._base}
-        operator = TendencyOperator(mesh, terms, model.launch, own, point)
+        operator = TendencyOperator(mesh, terms, own, point)
         self._operator = recorded(model.launch, operator)
         self._average, self._combine = model.launch.compile(
             mesh.real, average_kernel(scene.bottom is not None), axpby

@@ -21,7 +21,7 @@ from swe_sphere.kernels.forward_backward import (
 from swe_sphere.kernels.local import field_kernel, tendency_kernels
 from swe_sphere.kernels.pointwise import pointwise_sum
 from swe_sphere.kernels.simd.stages import levels_struct
-from swe_sphere.operators.launch import REMEMBERED, in_runs
+from swe_sphere.operators.launch import REMEMBERED
 from swe_sphere.operators.tendency import fill, filled
 from swe_sphere.steppers.flow_limit import NOTHING_BUT_WIND, FlowLimitStepper, wind_share
 from swe_sphere.steppers.runge_kutta import RK4
@@ -64,10 +64,10 @@ class Passes:
         )
         self._direct, lanes = direct, mesh.lanes if direct else 1
         depth, wind, kind = run_kernels(terms.unknowns, point, damped)
-        span = self._real, lanes, *mesh.spans(mesh.inner if direct else 0)
-        self._sum_depth = in_runs(model.launch, depth, *span)
+        begin = mesh.inner if direct else 0
+        self._sum_depth = mesh.over_nodes(depth, begin, lanes)
         if self._moves:
-            self._sum_wind = in_runs(model.launch, wind, *span)
+            self._sum_wind = mesh.over_nodes(wind, begin, lanes)
         kind = specialise(kind, self._real)
         parameters["point"] = fill(kind.vars["point"].type, parameters, point)
         self._node_geometry = mesh.geometry(kind, parameters)
@@ -119,9 +119,10 @@ class Passes:
         if self._transport is not None:
             wind = model.parameters.get("wind", self.pushed) if self._base is None else self._base
             local = self._local_depth
-            mesh.sweep(model.launch, local)(
-                self._transport, mesh.threads(self._masses), 0, self._geometry, wind, self.carried,
-                self._first * size, self._masses, local.values, step if self._direct else out,
+            mesh.sweep(
+                local, self._transport, mesh.threads(self._masses), self._geometry, wind,
+                self.carried, self._first * size, self._masses, local.values,
+                step if self._direct else out,
             )  # fmt: skip
         self._sum_depth(
             self._node_geometry, mesh.places(self._masses), mesh.lanes, self._masses,
@@ -139,10 +140,8 @@ class Passes:
         if self._force is not None:
             done = step if self._direct else out
             local = self._local_wind
-            mesh.sweep(self._model.launch, local)(
-                self._force, mesh.threads(), 0, self._force_geometry, self.pushed, local.values,
-                done,
-            )  # fmt: skip
+            inputs = self._force_geometry, self.pushed, local.values, done
+            mesh.sweep(local, self._force, mesh.threads(), *inputs)
         self._sum_wind(self._node_geometry, mesh.places(2), mesh.lanes, self._local_wind.flat, step)
 
     def _step_of(self, tau: float, levels: Levels, out: wp.array, weights: Any, mixes: Any) -> Any:

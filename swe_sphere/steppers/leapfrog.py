@@ -69,7 +69,7 @@ class Leapfrog(Stepper):
             self.diffusion.join(self.previous, slope)
         change, tau = self._solve()
         model.device_mesh.launch_over_fields(
-            model.launch, self._kernel, size, self.previous, self.state, change, tau, *self._filter
+            self._kernel, size, self.previous, self.state, change, tau, *self._filter
         )
 
     def _add_waves(self) -> None:

@@ -204,9 +204,9 @@ class FastWaves:
 
     def _drift(self, rest: wp.array, rate: wp.array, tau: float, kept: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
-        mesh.sweep(launch, self._divergence)(
-            self._transport, mesh.threads(1), 0, self._geometry, s, rest, self._winds, 1,
-            self._divergence.values, s,
+        mesh.sweep(
+            self._divergence, self._transport, mesh.threads(1), self._geometry, s, rest,
+            self._winds, 1, self._divergence.values, s,
         )  # fmt: skip
         launch(
             self._drift_kernel, mesh.size, mesh.places(1), mesh.inverse_area, mesh.size,
@@ -216,8 +216,8 @@ class FastWaves:
 
     def _kick(self, rate: wp.array, tau: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
-        mesh.sweep(launch, self._gradient)(
-            self._slope, mesh.threads(1), 0, self._geometry, s, self._depth, 0, 1,
+        mesh.sweep(
+            self._gradient, self._slope, mesh.threads(1), self._geometry, s, self._depth, 0, 1,
             self._gradient.values, s,
         )  # fmt: skip
         launch(

@@ -10,7 +10,6 @@ from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.simd.stages import mix
-from swe_sphere.operators.launch import in_runs
 from swe_sphere.steppers import stability
 from swe_sphere.steppers.stepper import Stepper, read_methods
 
@@ -38,7 +37,7 @@ class RungeKutta(Stepper):
         levels = [*(stack[i] for i in range(len(self.a))), self.state]
         offsets = dt * np.array([0.0, *(sum(row) for row in self.a)])
         mesh, point, mixed, alone = model.device_mesh, self.state, model.zeros(), len(self.b) == 1
-        self._mix = in_runs(model.launch, mix, mesh.real, mesh.lanes, *mesh.spans())
+        self._mix = mesh.over_nodes(mix)
         self._stages: list[tuple[Any, ...]] = []
         """Tuples (terms, start, rhs, point, offset, level): a stage is level = start + dt share
         K(point, offset), where `start` contains the sum of earlier levels in `terms`."""

@@ -16,7 +16,7 @@ import warp as wp
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.simd.stages import diffusive_stage
-from swe_sphere.operators.launch import Span, in_runs
+from swe_sphere.operators.launch import Span
 from swe_sphere.operators.replay import Replay
 
 REACH = 0.75
@@ -74,9 +74,8 @@ class Diffusion:
         """Coefficients of the stages of a step, each of which evaluates D once."""
         self._first, self._rate, self._stage = (model.zeros() for _ in range(3))
         self._changes = model.zeros(), model.zeros()
-        mesh = model.device_mesh
-        run = mesh.real, mesh.lanes, Span(0, model.size)
-        self._combine = in_runs(model.launch, diffusive_stage, *run)
+        whole = [Span(0, model.size)]
+        self._combine = model.device_mesh.over_nodes(diffusive_stage, spans=whole)
         self._replay = Replay(model.launch)
 
     def act(self, state: wp.array) -> None:

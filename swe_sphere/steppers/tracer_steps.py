@@ -72,11 +72,11 @@ class TransportRate:
 
     def __init__(self, model: Model) -> None:
         mesh, state = model.device_mesh, model.initial_state()
-        self._crossings, depth = Crossings(mesh, model.launch), model.fluid_size - mesh.size
+        self._crossings, depth = Crossings(mesh), model.fluid_size - mesh.size
         model.set_time(0.0)
         wind = model.parameters.get("wind", state)
         bound = self._crossings.bound(wind, mesh.upload(np.ones(mesh.size)))
-        transport = TracerTransport(mesh, model.launch, 1)
+        transport = TracerTransport(mesh, 1)
 
         def carry(x: wp.array, out: wp.array) -> None:
             transport(wind, x, depth, out, depth)
@@ -161,7 +161,7 @@ class CarriedTracers(TracerSteps):
         assert tracers is not None
         self._depth, self._crossed = slice(first - n, first), slice(first, first + 2 * n)
         layout = model.size, first, tracers.count, first - n
-        self._steps = MassSteps(model.device_mesh, model.launch, *layout)
+        self._steps = MassSteps(model.device_mesh, *layout)
         self._nothing, self._flux = model.zeros(2 * n), model.zeros(2 * n)
         self._has_residual = model.diffusive or scheme.family == "imex"
         if self._has_residual:
@@ -227,7 +227,7 @@ class CarriedWithDepth(TracerSteps):
     def __init__(self, model: Model, kind: type[Stepper], dt: float, every: int) -> None:
         super().__init__(model, kind, dt, every)
         mesh, masses = model.device_mesh, len(model.names)
-        self._steps = MassSteps(mesh, model.launch, model.size, 0, masses)
+        self._steps = MassSteps(mesh, model.size, 0, masses)
         self._ones = mesh.upload(np.ones(mesh.size))
 
     def _move(self) -> None:

@@ -62,7 +62,7 @@ class BlockElimination(KeptSetup):
         self._space.load(flow, self._then)
         self.operator.configure(tau, flow, 1.0 / self.matrix.diagonal(tau, flow))
         self.invert(tau, flow)
-        self._replay = Replay(self.operator.launch)
+        self._replay = Replay(self.operator.mesh.launch)
 
     def apply(self, r: wp.array, out: wp.array) -> None:
         if not self.launches:

@@ -128,7 +128,7 @@ class CoarsePart:
         self, operator: SchurOperator, spaces: list[ElementSpace], slopes: list[Any]
     ) -> None:
         """Find the functions of this rank; slopes (2N, V): those of the computational modes."""
-        mesh, launch = operator.mesh, operator.launch
+        mesh, launch = operator.mesh, operator.mesh.launch
         self._mesh, self._launch, self._here = mesh, launch, mesh.part.elements
         self._numbers = _numbers(spaces)
         self._mine = np.unique(self._numbers[self._here])
@@ -164,7 +164,7 @@ class CoarsePart:
         wanted = mesh.comm.tell_all(self._away)
         sends = {r: places[e[mesh.comm.rank]] for r, e in enumerate(wanted) if mesh.comm.rank in e}
         receives = {r: places[elements] for r, elements in self._away.items()}
-        mesh.share(self._integrals.flat, sends, receives)
+        mesh.register_exchange(self._integrals.flat, sends, receives)
         self._contributors = [
             wp.array(half, dtype=Contributors, device=mesh.device)
             for half in np.split(self._contributing(places, size), 2, axis=1)
@@ -295,19 +295,19 @@ class CoarseCorrection:
         )
         self._few = vector(operator.mesh, few), vector(operator.mesh, few)
         here = self._part.rows(_filled(self._longest, (count, few)))
-        self._spread = TallMatrix(operator.mesh, operator.launch, here)
-        self._gather = TallMatrix(operator.mesh, operator.launch, self._longest).transposed
+        self._spread = TallMatrix(operator.mesh, here)
+        self._gather = TallMatrix(operator.mesh, self._longest).transposed
         self._smooth_r = self._r
         if operator.mesh.comm.shared:
             comm, self._smooth_r = operator.mesh.comm, vector(operator.mesh, smooth)
             mine = self._part.owned(np.arange(smooth))
             owned = {rank: each for rank, each in enumerate(comm.tell_all(mine)) if each.size}
             sends = dict.fromkeys(range(comm.size) if mine.size else (), self._part.here(mine))
-            self._join = Halo(comm, self._r.flat, sends, owned, self._smooth_r.flat)
+            self._join = Halo(operator.mesh.launch, self._r.flat, sends, owned, self._smooth_r.flat)
             """The residual of all smooth functions, each from the rank that owns it."""
             ring = self._part.ring()
             for each in (self._d, self._new, self._found)[: 2 + symmetric]:
-                operator.mesh.share(each.flat, *ring)
+                operator.mesh.register_exchange(each.flat, *ring)
 
     def setup(self, tau: float, depth: Array) -> None:
         """Build the coarse operators for the implicit step tau [s] and the depth (N,) [m]."""
@@ -324,10 +324,10 @@ class CoarseCorrection:
         few = (longest.T @ smooth @ longest).toarray()
         independent = longest.shape[0] >= longest.shape[1]  # otherwise the mesh has eight vertices
         exact = np.linalg.inv(few) if independent else np.linalg.pinv(few, 1e-10, hermitian=True)
-        mesh, launch = self._operator.mesh, self._operator.launch
-        self._exact = TallMatrix(mesh, launch, scipy.sparse.csr_array(exact))
+        mesh = self._operator.mesh
+        self._exact = TallMatrix(mesh, scipy.sparse.csr_array(exact))
         self._smooth, self._matrix = (
-            SlicedMatrix(mesh, launch, self._part.square(each))
+            SlicedMatrix(mesh, self._part.square(each))
             for each in (_filled(smooth, matrix.shape), matrix)
         )
         inverse = inverse[self._part.functions]

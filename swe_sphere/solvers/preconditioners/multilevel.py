@@ -32,7 +32,7 @@ def schur_operator(
     wind and depth by wavenumber, if any.
     """
     mesh = model.device_mesh.like(real, model.shape)
-    return SchurOperator(mesh, model.launch, model.scene.planet.gravity, coriolis, outer, damping)
+    return SchurOperator(mesh, model.scene.planet.gravity, coriolis, outer, damping)
 
 
 class Multilevel:
