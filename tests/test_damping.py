@@ -64,7 +64,7 @@ def test_elimination_with_one_rate_for_all_waves(mesh, shape: str) -> None:
         lambda k2: np.full_like(k2, damping),
     )  # fmt: skip
     depth, f = 1000.0 + 300.0 * np.cos(mesh.lat), 1.0 / (1.0 + SHARE)
-    operator.configure(TAU, depth, np.ones(n))
+    operator.configure(TAU, depth)
     angle = TAU * coriolis
     turn = np.array([[1.0 + 0.0 * angle, angle], [-angle, 1.0 + 0.0 * angle]]) / (1 + angle**2)
 

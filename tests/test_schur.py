@@ -56,7 +56,7 @@ class System:
         on_device = DeviceMesh(mesh, model.device, real, shape)
         self.operator = SchurOperator(on_device, GRAVITY, self.host.coriolis, real)
         self.diagonal = self.host.diagonal(TAU, self.depth)
-        self.operator.configure(TAU, self.depth, 1.0 / self.diagonal)
+        self.operator.configure(TAU, self.depth)
         self.matrix = self.host.matrix(TAU, self.depth)
         self.up = on_device.upload
 
@@ -250,7 +250,7 @@ def test_symmetric_multilevel_is_symmetric(tau: float) -> None:
     host = SchurMatrix(mesh, GRAVITY, np.zeros(mesh.size))
     operator = SchurOperator(on_device, GRAVITY, host.coriolis, wp.float32)
     depth = depth_of(mesh)
-    operator.configure(tau, depth, 1.0 / host.diagonal(tau, depth))
+    operator.configure(tau, depth)
     inner = Multilevel(operator, symmetric=True)
     b, x = operator.field(), operator.field()
     inner.setup(tau, depth)
@@ -276,7 +276,7 @@ def test_all_elements_of_a_node_hold_the_same_bits(np_: int, precision: str) -> 
     """After coarse corrections and smoothing, so that ranks need not ask whose is the first."""
     system = System(np_, precision, "element")
     inner = Multilevel(system.operator)
-    system.operator.configure(TAU, system.depth, 1.0 / inner.matrix.diagonal(TAU, system.depth))
+    system.operator.configure(TAU, system.depth)
     inner.setup(TAU, system.depth)
     x, mesh = system.operator.field(), system.operator.mesh
     inner.solve(system.field(rough(mesh.size, 8)), x)

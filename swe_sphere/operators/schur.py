@@ -14,6 +14,7 @@ for diagonals, coarse levels and patches.
 from __future__ import annotations  # scipy.sparse is loaded where it is used
 
 import functools
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -29,7 +30,7 @@ from swe_sphere.operators import sparse
 from swe_sphere.operators.device_mesh import DeviceMesh, Field
 from swe_sphere.operators.sparse import column_squares
 
-MOST = 5.0
+MOST_DAMPING = 5.0
 """Largest product of tau and the damping rate R; in longer steps R is reduced.  F does not commute
 with G and D, and the multilevel cycle diverges if F removes almost all of the shortest waves."""
 
@@ -46,7 +47,7 @@ class Damping:
     """
 
     def __init__(self, mesh: DeviceMesh, rate: Rate, given: Any) -> None:
-        self._mesh, self._launch, self._rate = mesh, mesh.launch, rate
+        self._mesh, self._launch = mesh, mesh.launch
         types = mesh.types(given=given)
         self._dim = mesh.groups, mesh.points // types.share
         self._filter, self._covariant, self._physical, self._joined = mesh.launch.compile(
@@ -59,12 +60,16 @@ class Damping:
         self._to_nodes = mesh.upload(vectors)
         inverse = np.linalg.inv(np.einsum("eijak,eijbk->eijab", basis, basis)).mean(axis=(1, 2))
         along_1, along_2 = inverse[:, 0, 0, None, None], inverse[:, 1, 1, None, None]
-        self._wavenumbers: Array = along_1 * squares[:, None] + along_2 * squares
-        """k^2 (E, np, np) [m-2] of the products of the modes of an element."""
+        rates = rate(along_1 * squares[:, None] + along_2 * squares)  # of products of the modes
+        self._rates: Array = rates[mesh.part.elements]
+        """R (e, np, np) [s-1] of the products of the modes of an element."""
+        strongest = float(rates.max())
+        self._longest = MOST_DAMPING / strongest if strongest > 0.0 else math.inf
         jacobian = mesh.mesh.jacobian[mesh.part.elements]
         self._mass = mesh.on_elements(mesh.mesh.quadrature * jacobian)
-        self._ones = mesh.on_elements(np.ones_like(jacobian))
-        self._once, self._twice = (mesh.on_elements(np.ones_like(jacobian)) for _ in range(2))
+        self._ones, self._once, self._twice = (
+            mesh.on_elements(np.ones_like(jacobian)) for _ in range(3)
+        )
         dtype = self._mass.dtype
         self._first, self._east, self._north = (mesh.local(1, dtype) for _ in range(3))
         self._second = mesh.unshared(1, dtype)
@@ -73,9 +78,7 @@ class Damping:
 
     def configure(self, tau: float) -> None:
         """Set the implicit step tau [s]."""
-        strongest = tau * float(self._rate(self._wavenumbers).max())
-        rate = self._rate(self._wavenumbers[self._mesh.part.elements])
-        factor = 1.0 / (1.0 + tau * min(1.0, MOST / max(strongest, MOST)) * rate)
+        factor = 1.0 / (1.0 + min(tau, self._longest) * self._rates)
         wp.copy(self._once, self._mesh.on_elements(factor))
         wp.copy(self._twice, self._mesh.on_elements(factor**2))
 
@@ -134,8 +137,9 @@ class SchurOperator:
         self, mesh: DeviceMesh, gravity: float, coriolis: Array, given: Any,
         damping: Rate | None = None,
     ) -> None:  # fmt: skip
-        self.mesh, self.gravity, self.coriolis = mesh, gravity, coriolis
-        self.size, self.tau = mesh.size, 0.0
+        self.mesh, self.gravity, self.size, self.tau = mesh, gravity, mesh.size, 0.0
+        self.matrix = SchurMatrix(mesh.mesh, gravity, coriolis)
+        """S on the host."""
         types = mesh.types(terms=Terms(waves=True), given=given, whole=False)
         self._value, self._together = types.value, specialise(helmholtz.together, types)
         self._nodes = mesh.mesh.nodes[mesh.part.elements]
@@ -192,9 +196,10 @@ class SchurOperator:
         self.collect(x, self._nodal)
         return self.mesh.collect(self._nodal).astype(np.float64)
 
-    def configure(self, tau: float, depth: Array, inverse_diagonal: Array) -> None:
-        """Set the implicit step tau [s], the depth (N,) [m] and 1 / (diagonal of S) (N,)."""
-        mesh, nodes, angle = self.mesh, self._nodes, tau * self.coriolis
+    def configure(self, tau: float, depth: Array) -> None:
+        """Set the implicit step tau [s] and the depth (N,) [m]."""
+        mesh, nodes, angle = self.mesh, self._nodes, tau * self.matrix.coriolis
+        self.diagonal = self.matrix.diagonal(tau, depth)
         if self.damping is not None:
             self.damping.configure(tau)
         self.tau, same, cross = tau, 1.0 / (1.0 + angle**2), angle / (1.0 + angle**2)
@@ -206,7 +211,7 @@ class SchurOperator:
             (self._same, mesh.scatter(same)),
             (self._cross, mesh.scatter(cross)),
             (self._geometry.fluxes, mesh.on_elements(fluxes, (4,))),
-            (self._geometry.per_diagonal, mesh.on_elements(inverse_diagonal[nodes])),
+            (self._geometry.per_diagonal, mesh.on_elements(1.0 / self.diagonal[nodes])),
         ):
             wp.copy(target, values)
 

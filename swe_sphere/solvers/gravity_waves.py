@@ -25,7 +25,7 @@ from swe_sphere.operators.replay import recorded
 from swe_sphere.operators.tracers import TracerTransport
 from swe_sphere.solvers.krylov import ConjugateGradients, LinearResult
 from swe_sphere.solvers.preconditioners.multilevel import Multilevel, schur_operator
-from swe_sphere.solvers.vector_space import VectorSpace
+from swe_sphere.solvers.vector_space import Masses, VectorSpace
 
 DEEPEST = 0.8
 """Least reference depth, as a fraction of that below the highest surface.  Explicit waves grow
@@ -123,11 +123,7 @@ class TracerWaves:
         self._air_transport = TracerTransport(mesh, 1)
         self._flux, self._air = mesh.upload(np.zeros(count * n)), mesh.upload(np.zeros(n))
         self._ones, self._rate = mesh.upload(np.ones(n)), mesh.stage
-        self._units = [model.zeros() for _ in range(count)]
-        for unit, begin in zip(self._units, range(self._first, model.size, n), strict=True):
-            unit[begin : begin + n].fill_(1.0)
-        area = np.tile(model.mesh.area / model.mesh.area.sum(), len(model.names))
-        self._space = VectorSpace(area, mesh=mesh)
+        self._masses, self._blocks = Masses(mesh), range(self._first // n, len(model.names))
 
     def linearise(self, state: wp.array) -> None:
         """Store the mixing ratios of a state."""
@@ -144,8 +140,8 @@ class TracerWaves:
         self._transport(self._flow, self._ratio.values, 0, self._flux, 0)
         self._air_transport(self._flow, self._ones, 0, self._air, 0)
         self._ratio.correct(self._flux, self._air, tau, r, x)
-        for unit in self._units:
-            self._space.match_mean(r, x, unit)
+        for block in self._blocks:
+            self._masses.restore(r, x, block)
 
     def _carry_rest(self, d: wp.array) -> None:
         """Set flow = H V."""
@@ -217,9 +213,8 @@ class GravityWaves:
             return
         start = time.perf_counter()
         self.tau = tau = float(tau)  # a numpy.float64 would make float32 arrays float64
-        inverse = 1.0 / self._inner.matrix.diagonal(tau, self.depth)
         for operator in (self.operator, self._rough):
-            operator.configure(tau, self.depth, inverse)
+            operator.configure(tau, self.depth)
         self._inner.setup(tau, self.depth)
         launch = self.operator.mesh.launch
         self._system = recorded(launch, self._product)

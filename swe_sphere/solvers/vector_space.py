@@ -131,19 +131,31 @@ class VectorSpace:
         """Return |a|, which is NaN if an element is."""
         return math.sqrt(self.dot(a, a))
 
-    def match_mean(
-        self, source: wp.array, x: wp.array, unit: wp.array, square: float = 1.0, gain: float = 0.0
-    ) -> None:
-        """Add a multiple of `unit` to x, so that <x, unit> = <source, unit> + gain |unit|^2.
+    def match_mean(self, source: wp.array, x: wp.array, unit: wp.array, gain: float = 0.0) -> None:
+        """Add a multiple of `unit`, a vector with |unit| = 1, to x.
 
-        square: |unit|^2.
+        Then <x, unit> = <source, unit> + gain.
         """
         there, here = self.dots((source, unit), (x, unit))
-        self.axpy(float(there - here) / square + gain, unit, x)
+        self.axpy(float(there - here) + gain, unit, x)
 
     def _least_of_all(self, lowest: float) -> float:
         """Return the least value of all ranks; NaN counts as -infinity."""
         return float(self._comm.of_each(-math.inf if math.isnan(lowest) else lowest).min())
+
+
+class Masses:
+    """Means over the sphere of the blocks (N,) of states, which corrections restore."""
+
+    def __init__(self, mesh: DeviceMesh) -> None:
+        area = mesh.mesh.area
+        self._space = VectorSpace(area / area.sum(), mesh=mesh)
+        self._ones = mesh.upload(np.ones(mesh.size))
+
+    def restore(self, source: wp.array, x: wp.array, block: int, gain: float = 0.0) -> None:
+        """Shift a block of x to the mean of that block of `source`, plus `gain`."""
+        part = slice(block * self._ones.size, (block + 1) * self._ones.size)
+        self._space.match_mean(source[part], x[part], self._ones, gain)
 
 
 class HostSpace(VectorSpace):

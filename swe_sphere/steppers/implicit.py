@@ -15,7 +15,7 @@ from swe_sphere.ranks.limits import check_stop
 from swe_sphere.solvers.krylov import FlexibleGMRES
 from swe_sphere.solvers.newton import NewtonKrylov
 from swe_sphere.solvers.preconditioners import Preconditioner, make_preconditioner
-from swe_sphere.solvers.vector_space import VectorSpace
+from swe_sphere.solvers.vector_space import Masses, VectorSpace
 from swe_sphere.steppers.split_diffusion import HeldPenalty
 from swe_sphere.steppers.stage_solver import StageSolver
 from swe_sphere.steppers.stepper import Family, Stepper, Trajectory
@@ -88,16 +88,13 @@ class NewtonStages(StageSolver):
         )  # fmt: skip
         self.counters |= {"rejected_steps": 0, "newton_iterations": 0}
         self._known = self.newton.nonlinearity
-        self._units: list[tuple[str, wp.array, float]] = []
-        """Conserved fields: a state that is zero but for 1 m of the field, and its squared norm."""
-        n, effects = model.device_mesh.size, model.scene.effects
-        kept = MASSES.intersection(*(effect.conserves for effect in effects))
-        for i, name in enumerate(model.names):
-            mass = "mass" if name == "h" else "tracers"
-            if name not in ("u", "v") and mass in kept:
-                unit = model.zeros()
-                unit[i * n : (i + 1) * n].fill_(1.0)
-                self._units.append((mass, unit, self.space.dot(unit, unit)))
+        self._masses = Masses(model.device_mesh)
+        kept = MASSES.intersection(*(effect.conserves for effect in model.scene.effects))
+        self._conserved = [
+            (block, name) for block, name in enumerate(model.names)
+            if name not in ("u", "v") and ("mass" if name == "h" else "tracers") in kept
+        ]  # fmt: skip
+        """Numbers and names of the blocks whose masses all effects conserve."""
 
     def start(self, state: wp.array, t: float, dt: float) -> wp.array:
         if self.problem.precondition is not None:
@@ -151,9 +148,8 @@ class NewtonStages(StageSolver):
 
         Only masses that all effects conserve are restored; forcing contains no tracer.
         """
-        for conserved, unit, square in self._units:
-            more = gain if conserved == "mass" else 0.0
-            self.space.match_mean(rhs, x, unit, square, more)
+        for block, name in self._conserved:
+            self._masses.restore(rhs, x, block, gain if name == "h" else 0.0)
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         made, known = self.problem.precondition, self.newton.nonlinearity

@@ -13,7 +13,7 @@ from swe_sphere.equations.spectrum import spectral_radius
 from swe_sphere.errors import ConfigError, Unstable
 from swe_sphere.operators.tracers import Crossings, MassSteps, TracerTransport
 from swe_sphere.ranks.limits import check_stop
-from swe_sphere.solvers.vector_space import VectorSpace
+from swe_sphere.solvers.vector_space import Masses
 from swe_sphere.steppers.split_diffusion import Diffusion
 from swe_sphere.steppers.stepper import METHODS, Stepper, Trajectory, is_large
 
@@ -165,11 +165,8 @@ class CarriedTracers(TracerSteps):
         self._nothing, self._flux = model.zeros(2 * n), model.zeros(2 * n)
         self._has_residual = model.diffusive or scheme.family == "imex"
         if self._has_residual:
-            area = model.mesh.area
             self._ratio, self._before = tracers.mixing_ratio(), model.zeros()
-            self._masses = [slice(i, i + n) for i in range(first, model.size, n)]
-            self._space = VectorSpace(area / area.sum(), mesh=model.device_mesh)
-            self._ones = model.device_mesh.upload(np.ones(n))
+            self._masses = Masses(model.device_mesh)
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
         super().start(state, t)
@@ -197,8 +194,8 @@ class CarriedTracers(TracerSteps):
             self._ratio.set(before)
             wp.copy(new[self._depth], self.scheme.state[self._depth])
             self._ratio.follow(before, new)
-            for mass in self._masses:
-                self._space.match_mean(before[mass], new[mass], self._ones)
+            for block in range(self._depth.stop // self._size, len(self.model.names)):
+                self._masses.restore(before, new, block)
         wp.copy(self.state, self.scheme.state, count=self._depth.stop)
 
     def restart_arrays(self) -> dict[str, wp.array]:

@@ -13,7 +13,6 @@ from swe_sphere.equations.model import Model
 from swe_sphere.kernels.vectors import nearness
 from swe_sphere.operators.device_mesh import Field
 from swe_sphere.operators.replay import Replay
-from swe_sphere.operators.schur import SchurMatrix
 from swe_sphere.solvers.preconditioners.multilevel import Multilevel, schur_operator
 from swe_sphere.solvers.preconditioners.preconditioner import DEPTH_CHANGE, KeptSetup
 from swe_sphere.solvers.vector_space import VectorSpace
@@ -23,8 +22,8 @@ class BlockElimination(KeptSetup):
     """(I - tau L)^-1 with gravity waves about the current depth, without advection.
 
     It eliminates the wind, see `SchurOperator`; a subclass inverts the Schur complement S
-    approximately, by `invert` and `solve`, with S as `operator` on the device and as `matrix` on
-    the host.
+    approximately, by `invert` and `solve`, with S as `operator` on the device and as
+    `operator.matrix` on the host.
     """
 
     real: ClassVar[Any] = wp.float32
@@ -39,7 +38,6 @@ class BlockElimination(KeptSetup):
         outer = model.device_mesh.real
         damping = model.damping if model.diffusive else None
         self.operator = schur_operator(model, model.coriolis, self.real, outer, damping)
-        self.matrix = SchurMatrix(model.mesh, self.operator.gravity, model.coriolis)
         self._b, self._h = self.operator.field(), self.operator.field()
         mesh, (compare,) = model.device_mesh, model.launch.compile(outer, nearness)
         self._space = VectorSpace(mesh.mesh.area, mesh=mesh)
@@ -60,7 +58,7 @@ class BlockElimination(KeptSetup):
 
     def _prepare(self, tau: float, flow: Array) -> None:
         self._space.load(flow, self._then)
-        self.operator.configure(tau, flow, 1.0 / self.matrix.diagonal(tau, flow))
+        self.operator.configure(tau, flow)
         self.invert(tau, flow)
         self._replay = Replay(self.operator.mesh.launch)
 
@@ -104,7 +102,7 @@ class DirectElimination(BlockElimination):
 
     def invert(self, tau: float, depth: Array) -> None:
         self._factors = scipy.sparse.linalg.splu(
-            self.matrix.matrix(tau, depth).tocsc(), permc_spec="MMD_AT_PLUS_A"
+            self.operator.matrix.matrix(tau, depth).tocsc(), permc_spec="MMD_AT_PLUS_A"
         )
 
     def solve(self, b: Field, x: Field) -> None:

@@ -23,7 +23,7 @@ from swe_sphere.operators import sparse
 from swe_sphere.operators.device_mesh import Field
 from swe_sphere.operators.halo import Halo
 from swe_sphere.operators.lane_matrices import SlicedMatrix, TallMatrix, vector
-from swe_sphere.operators.schur import SchurMatrix, SchurOperator
+from swe_sphere.operators.schur import SchurOperator
 from swe_sphere.operators.sparse import ElementSpace
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
 
@@ -275,11 +275,9 @@ class CoarseCorrection:
     a dense inverse suffices; with `symmetric` once more at the end.
     """
 
-    def __init__(
-        self, schur: SchurMatrix, operator: SchurOperator, symmetric: bool = False
-    ) -> None:
-        mesh, spaces = schur.mesh, coarse_spaces(schur.mesh)
-        self._schur, self._operator, self._symmetric = schur, operator, symmetric
+    def __init__(self, operator: SchurOperator, symmetric: bool) -> None:
+        mesh, spaces = operator.mesh.mesh, coarse_spaces(operator.mesh.mesh)
+        self._operator, self._symmetric = operator, symmetric
         self._hats = spaces[0]
         area = scipy.sparse.diags_array(mesh.area)
         bases = [interpolation(mesh, space) for space in spaces]
@@ -311,7 +309,7 @@ class CoarseCorrection:
 
     def setup(self, tau: float, depth: Array) -> None:
         """Build the coarse operators for the implicit step tau [s] and the depth (N,) [m]."""
-        schur, longest = self._schur, self._longest
+        schur, longest = self._operator.matrix, self._longest
         compact = sparse.stiffness(schur.mesh, schur.weight(tau, depth), self._hats)
         smooth = self._mass + tau**2 * schur.gravity * compact
         blocks = [schur.galerkin(mass, slopes, tau, depth) for mass, slopes in self._modes]

@@ -7,7 +7,7 @@ import numpy as np
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.operators.device_mesh import Field
-from swe_sphere.operators.schur import Rate, SchurMatrix, SchurOperator, Step
+from swe_sphere.operators.schur import Rate, SchurOperator, Step
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, schur_bound
 from swe_sphere.solvers.preconditioners.coarse import CoarseCorrection
 
@@ -44,14 +44,13 @@ class Multilevel:
 
     def __init__(self, operator: SchurOperator, symmetric: bool = False) -> None:
         self.operator = operator
-        self.matrix = SchurMatrix(operator.mesh.mesh, operator.gravity, operator.coriolis)
         self._symmetric = symmetric
-        self._coarse = CoarseCorrection(self.matrix, operator, symmetric)
+        self._coarse = CoarseCorrection(operator, symmetric)
         self._direction, self._rest = operator.field(), operator.field()
 
     def setup(self, tau: float, depth: Array) -> None:
         """Prepare for the implicit step tau [s] and the depth (N,) [m] of the operator."""
-        diagonal = self.matrix.diagonal(tau, depth)
+        diagonal = self.operator.diagonal
         courant = float(np.sqrt(diagonal.max()))
         degree, is_long = DEGREES.get(self.operator.mesh.mesh.np, 4), courant > LONG
         largest = schur_bound(self.operator, 1.0 / diagonal)
