@@ -1,6 +1,8 @@
-"""Type of numpy arrays of float64."""
+"""Types of numpy arrays."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Int32 = NDArray[np.int32]

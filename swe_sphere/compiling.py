@@ -14,11 +14,6 @@ PATIENCE = 1.0
 COMPILING = "compiling kernels, the first time only ..."
 
 
-def tell_of_compiling() -> None:
-    """Print on stderr that kernels are being compiled."""
-    sys.stderr.write(f"swe-sphere: {COMPILING}\n")
-
-
 def is_watched() -> bool:
     """Return whether stderr of this very process is a terminal, or belongs to a notebook."""
     if multiprocessing.parent_process() is not None or sys.stderr is None:
@@ -29,7 +24,7 @@ def is_watched() -> bool:
 @functools.cache
 def _tell_session() -> None:
     if is_watched():
-        tell_of_compiling()
+        sys.stderr.write(f"swe-sphere: {COMPILING}\n")
 
 
 _taken = 0.0

@@ -267,9 +267,15 @@ def hough(
         title=f"normal mode of the sphere ({TITLES[wave]} wave, k = {k}, n = {n})",
         initial=lambda lon, lat: mode.state(lon, lat, 0.0),
         exact=mode.state if linear else None,
-        days=round(2.0 * np.pi / abs(mode.frequency) / DAY, 3),
+        days=_period(mode.frequency, 3),
         **_about_rest(depth, linear),
     )
+
+
+def _period(frequency: float, digits: int) -> float:
+    """Return the period [days] of a frequency [s-1], short ones to three significant digits."""
+    days = 2.0 * np.pi / abs(frequency) / DAY
+    return round(days, digits) if days > 0.1 else float(f"{days:.3g}")
 
 
 def hough_wave(wave: Wave, k: int, n: int, depth: float, amplitude: float) -> HoughWave:
@@ -335,7 +341,7 @@ def matsuno(
         title=f"equatorial wave ({TITLES[wave]}, k = {k}, n = {n})",
         exact=mode.state,
         planet=PLANET,
-        days=round(2.0 * np.pi / abs(mode.frequency) / DAY, 2),
+        days=_period(mode.frequency, 2),
         **_about_rest(DEPTH, linear),
     )
 

@@ -13,9 +13,13 @@ import warp as wp
 from swe_sphere import compiling
 from swe_sphere.cli.main import main
 from swe_sphere.compiling import COMPILING
+from swe_sphere.equations.model import Model
 from swe_sphere.kernels import specialise
 from swe_sphere.kernels.vectors import ADDERS
+from swe_sphere.mesh import Mesh
 from swe_sphere.operators.launch import TEMPLATES, Launcher, keep_headers, warp_internals
+from swe_sphere.steppers import STEPPERS
+from swe_sphere.testcases import get_scene
 
 
 @pytest.fixture
@@ -23,6 +27,18 @@ def told(monkeypatch):
     """The calls made, where one is patient for a twentieth of a second."""
     monkeypatch.setattr(compiling, "PATIENCE", 0.05)
     return []
+
+
+@pytest.mark.parametrize("name", ["tr-bdf2", "semi-implicit", "epi3", "rk4"])
+def test_all_compiling_of_a_stepper_is_counted_by_its_model(monkeypatch, name):
+    """Times of runs exclude it, and so must not contain any of it."""
+    model = Model(Mesh.build(2, 4), get_scene("williamson5"))
+    by, load = [], Launcher.load
+    monkeypatch.setattr(Launcher, "load", lambda self, *of: (by.append(self), load(self, *of)))
+    stepper = STEPPERS[name](model, 300.0)
+    stepper.start(model.initial_state())
+    stepper.step()
+    assert by and {*by} == {model.launch}
 
 
 def wait(seconds):

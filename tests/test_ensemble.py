@@ -116,6 +116,15 @@ def test_an_ensemble_grows_in_days_and_seeds_and_another_time_limit_is_the_same_
         assert np.array_equal(ours, theirs)
 
 
+def test_a_member_of_no_days_is_not_kept_as_one_of_the_days_of_the_scene(tmp_path):
+    told: list[str] = []
+    run_members(make_config(SMALL | {"days": 0}), (1, 2), tmp_path, told.append)
+    whole = {name: value for name, value in SMALL.items() if name != "days"}
+    with pytest.raises(RunFailed, match="the same command resumes it"):
+        run_members(make_config(whole | {"time_limit": 1e-9}), (1, 2), tmp_path, told.append)
+    assert not any(": kept, " in line for line in told)
+
+
 @pytest.mark.thorough
 def test_a_member_that_took_too_long_is_resumed_from_where_it_was(tmp_path, monkeypatch):
     """So that a member longer than the limit is finished by some number of commands."""

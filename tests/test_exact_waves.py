@@ -111,6 +111,12 @@ def test_the_pattern_keeps_its_speed_and_its_amplitude(mode):
     assert abs(np.angle(ratio)) < 2e-4 and abs(abs(ratio) - 1.0) < 2e-4
 
 
+def test_a_run_of_a_fast_mode_is_one_period_long():
+    scene = get_scene("hough", depth=1e6, k=500, n=40, wave="westward")
+    frequency = hough_wave("westward", 500, 40, 1e6, 1.0).frequency
+    assert scene.days == pytest.approx(2.0 * np.pi / abs(frequency) / DAY, rel=5e-3)
+
+
 @pytest.mark.parametrize(
     ("scene", "parameters", "said"),
     [("hough", {"k": 0}, "k must be 1 to 500"), ("hough", {"k": 10**6}, "k must be 1 to 500"),

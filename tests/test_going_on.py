@@ -1,6 +1,7 @@
 """Several runs of one simulation, one after the other, and the files that they leave."""
 
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
@@ -164,6 +165,21 @@ def test_callbacks_are_only_called_at_multiples_of_their_time():
     assert hours == []
     sim.run(days=1.4, callbacks=[every(hours=1)(lambda sim: hours.append(sim.time / 3600.0))])
     assert hours == pytest.approx([32.0, 33.0])
+
+
+def test_callbacks_more_often_than_steps_are_not_called_between_them():
+    hours = []
+    often = every(hours=0.01)(lambda sim: hours.append(sim.time))
+    sim = Simulation("williamson2", ne=2, np=4, dt=864.0, days=0.02)
+    sim.begin()
+    assert sim.advance([often]).completed and sim.time not in hours[:-1]
+
+
+def test_a_summary_without_numbers_and_a_diagnostic_without_a_name():
+    sim = Simulation("williamson2", ne=2, np=4)
+    assert "None" not in str(sim.outcome) + repr(sim.outcome)
+    with pytest.raises(ConfigError, match="needs a name="):
+        diagnostic(partial(max, 1))
 
 
 def test_a_run_that_could_not_begin_has_no_frames():

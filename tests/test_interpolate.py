@@ -105,6 +105,9 @@ def test_shape_of_the_points_is_kept() -> None:
     interpolator = Interpolator(mesh, lon, lat)
     assert interpolator(mesh.lat).shape == (2, 3)
     assert interpolator.wind(mesh.lat, mesh.lon)[1].shape == (2, 3)
+    twice = np.stack([mesh.lat, mesh.lon], axis=-1)[:, None, :]
+    assert interpolator(twice).shape == (2, 3, 1, 2)
+    np.testing.assert_array_equal(interpolator(twice)[..., 0, 0], interpolator(mesh.lat))
     assert Interpolator(mesh, 0.3, 0.4)(mesh.lat).shape == ()
 
 

@@ -16,6 +16,8 @@ from swe_sphere.equations.effects import (
     EFFECTS,
     Hyperviscosity,
     Orography,
+    PrescribedWind,
+    PressureGradient,
     Rotation,
     Viscosity,
     hyperviscosity_default,
@@ -173,6 +175,9 @@ def test_functions_and_effects_of_a_scene_go_together() -> None:
         Scene(**given, effects=DYNAMICS, coriolis=lambda lon, lat: lon)
     with fails("mine: 'bottom' is given without effect 'orography'"):
         Scene(**given, effects=DYNAMICS, bottom=lambda lon, lat: lon)
+    wind = dict(wind=lambda lon, lat, t: (np.cos(lat), 0.0 * lon))
+    with fails("mine: a prescribed wind is not accelerated; leave out pressure-gradient"):
+        Scene(**given, **wind, effects=(PrescribedWind(), PressureGradient()))
     with fails("mine: an effect is listed twice"):
         Scene(**given, effects=(*DYNAMICS, Orography(), Orography()), bottom=lambda lon, lat: lon)
     with fails("mine: days must be finite and positive"):

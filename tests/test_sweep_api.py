@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 import xarray as xr
 from sweeps import assert_same_rows
+from test_user_code import HEAD, METHODS
 
+from swe_sphere.analysis.regrid import regrid_file
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
 from swe_sphere.simulation.simulation import Simulation
@@ -93,6 +95,34 @@ def test_a_target_of_the_slow_flow_is_that_of_potential_vorticity():
     tried = found.isel(run=found.role.values == "target")
     slow = tried.error.sel(kind="slow", field="vorticity", norm="l2").isel(report_day=-1).values
     assert slow.min() <= 1e-4
+
+
+def test_a_search_for_an_error_that_no_run_has_is_refused():
+    """A total error without a solution; slow errors are computed where a search asks for them."""
+    options = TINY | {"dt": "auto", "target_error": 1e-3}
+    with pytest.raises(ConfigError, match=r"^target-kind: gravity-bumps has no solution at day"):
+        sweep("gravity-bumps", "rk4", target_kind="total", **options)
+    found = sweep("williamson2", "rk4", target_kind="slow", **options)
+    assert np.isfinite(found.error.sel(kind="slow", field="vorticity", norm="l2")).any()
+
+
+@pytest.mark.parametrize("method", ["growth", "stable_dt", "limit", "spectrum"])
+def test_a_limit_that_fails_in_a_sweep_names_the_line(method, tmp_path):
+    file = tmp_path / "custom.py"
+    fault = METHODS[method].format(fault="raise LookupError('lost')")
+    file.write_text(HEAD.format(name=f"in-a-sweep-{method}".replace("_", "-")) + fault)
+    found = sweep("williamson2", str(file), **TINY | {"dt": "auto"})
+    (reason,) = {str(why) for why in found.reason.values} - {""}
+    assert "LookupError: lost (custom.py, line" in reason
+
+
+def test_two_references_of_one_day_are_refused(tmp_path):
+    Simulation("williamson5", ne=2, np=4, dt=1800.0).run(days=0.25, out=tmp_path / "run.nc")
+    files = [tmp_path / name for name in ("one.nc", "two.nc")]
+    for file in files:
+        regrid_file(tmp_path / "run.nc", "latlon:9x16", file)
+    with pytest.raises(ConfigError, match=r"two.nc and .*one.nc are of one day"):
+        sweep("williamson5", "rk4", reference=[*map(str, files)], **TINY)
 
 
 RALSTON = """

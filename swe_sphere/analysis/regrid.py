@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 import xarray as xr
 
 from swe_sphere.arrays import Array
@@ -82,7 +83,7 @@ def gaussian(n: int) -> Grid:
     """
     n = convert("n", int, n)
     lon = _around(name := f"gaussian:{n}", 2 * n, 4 * n)
-    sines, weights = np.polynomial.legendre.leggauss(2 * n)
+    sines, weights = scipy.special.roots_legendre(2 * n)
     edges = np.arcsin(np.clip(np.concatenate([[-1.0], np.cumsum(weights) - 1.0]), -1.0, 1.0))
     edges[-1] = 0.5 * np.pi
     return Grid(name, np.arcsin(sines), lon, edges)

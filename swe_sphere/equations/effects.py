@@ -157,6 +157,7 @@ class PrescribedWind(Effect):
         "momentum-advection": "a prescribed wind cannot also be stepped",
         "drag": "a prescribed wind cannot be slowed down; leave out drag",
         "linearised": "a prescribed wind acts linearly; leave out linearised",
+        "pressure-gradient": "a prescribed wind is not accelerated; leave out pressure-gradient",
     }
 
 

@@ -151,7 +151,7 @@ class Model(DiscreteScene):
         depth of the base in linearised dynamics) is not positive.
         """
         scene, mesh = self.scene, self.mesh
-        if scene.wind is None and scene.effect("pressure-gradient") is not None:
+        if scene.effect("pressure-gradient") is not None:
             name = "initial" if scene.base is None else "base"
             depth = getattr(scene, name)(mesh.lon, mesh.lat)[2]
             node = int(np.argmin(depth))

@@ -254,6 +254,8 @@ def _check_texts(scene: Scene) -> None:
     """Raise ConfigError for a text that cannot be written into files and tables."""
     if not scene.name.strip():
         raise ConfigError("name: give the scene a name")
+    if scene.name.endswith((".py", ".toml")):
+        raise ConfigError(f"name: {shown(scene.name)} is the name of a file: leave out its ending")
     for name in ("name", "title", "reference"):
         if not "".join(getattr(scene, name).split()).isprintable():
             raise ConfigError(f"{scene.name!a}: {name} holds characters that cannot be printed")

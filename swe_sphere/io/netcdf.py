@@ -100,8 +100,9 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         size += (layout.LAYOUT_BYTES + 8 * len(self._fields)) * mesh.size
         place = self.path.resolve() if self.path.is_symlink() else self.path
         with clear_errors(f"cannot write {self.path}"):
+            in_zarr = self.path.suffix.lower() == SUFFIX
             self._growing: GrowingFile | GrowingStore = (
-                GrowingStore(place) if self.path.suffix == SUFFIX else GrowingFile(place, size)
+                GrowingStore(place) if in_zarr else GrowingFile(place, size)
             )
         self._begun = False
 

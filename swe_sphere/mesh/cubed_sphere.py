@@ -19,11 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swe_sphere.arrays import Array
+from swe_sphere.arrays import Array, Int32, Integers
 from swe_sphere.mesh.sphere import frame, position
-
-Integers = NDArray[np.int64]
-Int32 = NDArray[np.int32]
 
 FACES: Integers = np.array(
     [

@@ -46,7 +46,8 @@ class Interpolator:
 
     def __call__(self, field: Array) -> Array:
         """Return values (*lon.shape, ...) at the points of nodal scalar fields (N, ...)."""
-        values = np.concatenate([self._tile(start) @ field for start in self._starts])
+        rows = field.reshape(len(field), -1)
+        values = np.concatenate([self._tile(start) @ rows for start in self._starts])
         return values.reshape(self._lon.shape + field.shape[1:])
 
     def wind(self, u: Array, v: Array) -> tuple[Array, Array]:

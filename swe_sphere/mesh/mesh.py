@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swe_sphere.arrays import Array
+from swe_sphere.arrays import Array, Int32
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import cubed_sphere, gll
-from swe_sphere.mesh.cubed_sphere import Int32, Placement
+from swe_sphere.mesh.cubed_sphere import Placement
 from swe_sphere.mesh.sphere import frame, longitude_latitude, snap_poles
 from swe_sphere.planet import EARTH
 

@@ -6,8 +6,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from swe_sphere.arrays import Integers
 from swe_sphere.errors import ConfigError
-from swe_sphere.mesh.cubed_sphere import BLOCK, FACES, Integers
+from swe_sphere.mesh.cubed_sphere import BLOCK, FACES
 from swe_sphere.mesh.mesh import Mesh
 
 PATH = ((0, 0), (1, 0), (2, 0), (5, 1), (3, 5), (4, 0))
@@ -99,7 +100,7 @@ class Part:
     """Number of values that come from each neighbour."""
     spans: Integers
     """(3, chunks, 2) begin and end of the nodes that each chunk owns, among interior nodes, edges
-    and vertices; chunks along the curve."""
+    and vertices; chunks along the curve. Unused, and of other shapes, for a single process."""
 
     is_mesh: bool = False
     """True if the part is the whole mesh in the order of the mesh."""

@@ -1,6 +1,6 @@
 """The penalty on jumps of vorticity and divergence at the edges of elements."""
 
-from typing import Any
+import functools
 
 import numpy as np
 import warp as wp
@@ -38,13 +38,16 @@ class EdgePenaltyOperator:
         self._mean_scale = mesh.scatter(scale)
         self._jumps, self._weak = mesh.local(2, types.value), mesh.local(2, types.value)
         self._means = wp.zeros(2 * mesh.size, dtype=mesh.real, device=mesh.device)
-        self._kind, self._given = types.geometry, {
+        given = {
             "strength": mesh.on_elements(gamma[mesh.part.elements]), "jumps": self._jumps.values,
             "point": types.point and types.point.structure.find(types)(), "stage": mesh.stage,
         }  # fmt: skip
-        self._geometry = mesh.geometry(self._kind, self._given)
-        self._given["derivative"] = mesh.upload(np.ascontiguousarray(mesh.mesh.derivative.T))
-        self._stages: dict[Any, tuple[Any, Any]] = {}
+        self._geometry = mesh.geometry(types.geometry, given)
+        given = given | {"derivative": mesh.upload(np.ascontiguousarray(mesh.mesh.derivative.T))}
+        self._geometry_of = functools.lru_cache(REMEMBERED)(
+            lambda stage: mesh.geometry(types.geometry, given | {"stage": stage})
+        )
+        """Function from a stage to the geometry that contains it, the same object each time."""
         self._sum_means = mesh.over_nodes(assemble_blocks, int(np.sum(mesh.part.counts == 1)))
         self._sum = mesh.over_nodes(assemble_blocks, mesh.inner if direct else 0)
 
@@ -56,7 +59,8 @@ class EdgePenaltyOperator:
         mesh, means = self._mesh, self._means
         threads, jumps, weak = mesh.threads(1), self._jumps, self._weak
         shape = mesh.lanes, mesh.size, 2, 0
-        stage, geometry = self._stage_of(factor, out, start)
+        stage = mesh.stage_at(start, factor)
+        geometry = self._geometry_of(stage)
         wind = x, x, 0, 1
         mesh.sweep(jumps, self._derivatives, threads, self._geometry, *wind, jumps.values, x)
         places = mesh.places(2)
@@ -64,14 +68,3 @@ class EdgePenaltyOperator:
         averaged = means, means, 0, 1
         mesh.sweep(weak, self._weak_form, threads, geometry, *averaged, weak.values, out)
         self._sum(places, mesh.inverse_area, *shape, weak.flat, stage, out)
-
-    def _stage_of(self, factor: float, out: wp.array, start: wp.array) -> tuple[Any, Any]:
-        """Return the stage that writes `out` and its geometry, the same objects each time."""
-        key = factor, out.ptr, start.ptr
-        if key not in self._stages:
-            if len(self._stages) >= REMEMBERED:
-                self._stages.clear()
-            stage = self._mesh.stage_at(start, factor)
-            geometry = self._mesh.geometry(self._kind, self._given | {"stage": stage})
-            self._stages[key] = stage, geometry
-        return self._stages[key]

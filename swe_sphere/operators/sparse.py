@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from swe_sphere.arrays import Array
+from swe_sphere.arrays import Array, Int32
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.diagnose import assemble
 
@@ -185,9 +185,6 @@ def _own(mesh: Mesh, across: list[Lines]) -> Array:
     return east**2 + north**2
 
 
-Int = NDArray[np.int32]
-
-
 class Probing:
     """Finds a matrix by products for columns without common rows (Curtis, Powell & Reid 1974)."""
 
@@ -209,7 +206,7 @@ class Probing:
     def matrix(self, product: Callable[[Array], Array], fields: int) -> scipy.sparse.csr_array:
         """Return the matrix of `product` on (fields N,) that only couples nodes of an element."""
         n = self.colours.size
-        found: list[tuple[Array, Int, Int]] = []
+        found: list[tuple[Array, Int32, Int32]] = []
         for colour in range(self._ends.size - 1):
             part = slice(*self._ends[colour : colour + 2])
             rows = self._rows[part] + n * np.arange(fields, dtype=np.int32)[:, None]
@@ -225,7 +222,7 @@ class Probing:
         return scipy.sparse.coo_array((values, (rows, columns)), (fields * n, fields * n)).tocsr()
 
 
-def _coloured(conflicts: scipy.sparse.csr_array) -> Int:
+def _coloured(conflicts: scipy.sparse.csr_array) -> Int32:
     """Return (N,) colours, each the least that no earlier neighbour has."""
     colours = np.full(conflicts.shape[0], -1, dtype=np.int32)
     for node, (begin, end) in enumerate(zip(conflicts.indptr, conflicts.indptr[1:], strict=False)):

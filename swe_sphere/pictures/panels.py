@@ -61,7 +61,7 @@ def draw_panel(axes: Axes, panel: Panel, time: float | None) -> None:
         axes.axvline(time / DAY, color="0.6", linewidth=0.8, zorder=0)
     axes.set_title(panel.title, fontsize=11, loc="left")
     axes.set_xlabel("time [days]", fontsize=10)
-    axes.set_xlim(0.0, days[-1])
+    axes.set_xlim(0.0, days[-1] or 1.0)
     axes.tick_params(labelsize=9)
     axes.grid(color="0.88", linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)

@@ -292,7 +292,7 @@ def diagnostic(
         return partial(diagnostic, name=name, units=units, long_name=long_name)
     if not callable(function):
         raise ConfigError(f"a diagnostic must be a function of the simulation, got {function!r}")
-    called = name or function.__name__
+    called = name or str(getattr(function, "__name__", ""))
     if not called.isidentifier():
         raise ConfigError(f"the diagnostic {called!r} needs a name= of letters, digits and _")
     if called in NAMES["options"] or _is_taken(called):

@@ -9,8 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError
+from swe_sphere.files.user_file import guarded
 from swe_sphere.planet import DAY, HOUR
+from swe_sphere.settings.values import convert
+from swe_sphere.steppers import Stepper
 
 MOST_STEPS = 10**9
 SHORTEST = Fraction(1, 2)
@@ -26,6 +30,15 @@ WORTH_A_CHANGE = 1.25
 """A step that fits is replaced by an automatic one that is longer by more than this factor."""
 MEANT = 5e-5
 """Largest difference [h] between a time between frames and the fraction that it stands for."""
+
+
+def stability_limit(kind: type[Stepper], spectrum: Spectrum) -> float:
+    """Return the largest stable step [s] of a stepper, infinite without one.
+
+    Raises ConfigError if the stepper does not return a number.
+    """
+    label = f"stable_dt of stepper {kind.name}"
+    return float(convert(label, float, guarded(label, kind.limit, spectrum), finite=False))
 
 
 @dataclass(frozen=True)
@@ -86,8 +99,9 @@ class RunPlan:
         """Return whether the time after that many steps is a multiple of `seconds`."""
         if not self.first <= step <= self.tail_begin:
             return False
+        # cycles from the origin to the next multiple: whole numbers if the steps meet multiples
         ahead = -self.origin % seconds / (self.cycle * self.dt)
-        if abs(ahead - round(ahead)) > 1e-6:
+        if abs(ahead - round(ahead)) > 1e-6 or seconds < 0.5 * self.dt:
             return False
         return (step - self.first - self.cycle * round(ahead)) % round(seconds / self.dt) == 0
 

@@ -92,7 +92,7 @@ def check_paths(config: RunConfig) -> None:
             raise ConfigError(
                 f"{name}: {shown(path.name)} is too long: take at most {LONGEST_NAME} bytes"
             )
-        if path.is_dir() and not (path.suffix == SUFFIX and is_store(path)):
+        if path.is_dir() and not (path.suffix.lower() == SUFFIX and is_store(path)):
             raise ConfigError(f"{name}: {path} is a folder: give the name of a file in it")
         if not path.parent.is_dir():
             raise ConfigError(f"{name}: there is no folder {path.parent}: make it first")

@@ -32,14 +32,13 @@ from swe_sphere.errors import (
 )
 from swe_sphere.files.durable import clear_errors
 from swe_sphere.files.fingerprints import code_fingerprint
-from swe_sphere.files.user_file import cause, check_trusted, guarded, users_code
+from swe_sphere.files.user_file import cause, check_trusted, users_code
 from swe_sphere.io.integrals import Fields, tracer_masses
 from swe_sphere.logs import LOGGER
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.ranks.communicator import world
 from swe_sphere.ranks.limits import command_began
-from swe_sphere.settings.values import convert
 from swe_sphere.simulation import build, planning
 from swe_sphere.simulation.config import Keywords, Output, RunConfig, make_config
 from swe_sphere.simulation.diagnostics import (
@@ -300,9 +299,7 @@ class Simulation(NotCopyable):
             counted = dict(self.model.counters)
             spectrum = self.kind.spectrum(self.model, self.model.initial_state())
             self.model.counters.update(counted)  # the run does not count these evaluations
-            label = f"stable_dt of stepper {self.kind.name}"
-            limit = guarded(label, self.kind.limit, spectrum)
-            self._limit = float(convert(label, float, limit, finite=False))
+            self._limit = planning.stability_limit(self.kind, spectrum)
         return self._limit
 
     @cached_property

@@ -74,6 +74,8 @@ class Summary(Mapping[str, Any]):
     def title(self) -> str:
         """Scene and stepper."""
         scene, stepper, scheme = map(self.get, ("scene", "stepper", "scheme"))
+        if scene is None:
+            return "run"
         return f"{scene} with {stepper}" + ("" if scheme in (None, stepper) else f" ({scheme})")
 
     def rows(self) -> list[tuple[str, str]]:

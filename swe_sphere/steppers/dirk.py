@@ -94,7 +94,9 @@ class DiagonallyImplicit(ImplicitStepper):
         self.space.copy(self._stack, self.slopes)
 
 
-ImplicitEuler, CrankNicolson, ImplicitMidpoint, SDIRK3, ESDIRK4 = read_methods(DiagonallyImplicit)
+ImplicitEuler, CrankNicolson, ImplicitMidpoint, SDIRK3, ESDIRK4 = read_methods(
+    DiagonallyImplicit, "ImplicitEuler", "CrankNicolson", "ImplicitMidpoint", "SDIRK3", "ESDIRK4"
+)
 
 
 class TRBDF2(DiagonallyImplicit):

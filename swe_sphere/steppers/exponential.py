@@ -327,4 +327,4 @@ def _remainder(weights: tuple[tuple[float, ...], ...], m: int, j: int = 0) -> fl
     return found
 
 
-EPI2, EPI3, EPI4, EPI5 = read_methods(ExponentialMultistep)
+EPI2, EPI3, EPI4, EPI5 = read_methods(ExponentialMultistep, "EPI2", "EPI3", "EPI4", "EPI5")

@@ -174,4 +174,4 @@ class ImexRungeKutta(ImexStepper):
         return runge_kutta_growth(b, (a_e, z_wave + z_dissipation), (a_i, z_implicit))
 
 
-ARK2, ARS343 = read_methods(ImexRungeKutta)
+ARK2, ARS343 = read_methods(ImexRungeKutta, "ARK2", "ARS343")

@@ -151,7 +151,7 @@ def _waves(z: Complex, moved: Complex, rate: Complex, duration: float, steps: in
     return np.stack([h, u], axis=-2)
 
 
-MIS2, MIS3C = read_methods(InfinitesimalStep)
+MIS2, MIS3C = read_methods(InfinitesimalStep, "MIS2", "MIS3C")
 
 
 class FastWaves:

@@ -80,4 +80,4 @@ class RungeKutta(Stepper):
         return stability.runge_kutta_growth(np.array(cls.b), (a, z_wave + z_dissipation))
 
 
-RK4, SSPRK3, KG5 = read_methods(RungeKutta)
+RK4, SSPRK3, KG5 = read_methods(RungeKutta, "RK4", "SSPRK3", "KG5")

@@ -126,11 +126,16 @@ class SplitPenalty:
     def __init__(self, model: Model, dt: float, chains: int | None) -> None:
         self._model, self._second_order = model, chains is None
         self._chains = chains or 1
-        reach, whole = {None: (MIDPOINT, MIDPOINT), 1: (0.7, 1.0), 2: (0.5, 1.0)}[chains]
+        if chains is None:  # products of the step and the penalty's largest rate
+            longest_cycle, longest_part = MIDPOINT, MIDPOINT
+        else:
+            longest_cycle, longest_part = 0.7 if chains == 1 else 0.5, 1.0
         radius, rotation = model.penalty_radius, abs(model.scene.planet.rotation)
-        longest = min(a / b if b else math.inf for a, b in ((reach, radius), (0.75, rotation)))
+        longest = min(
+            a / b if b else math.inf for a, b in ((longest_cycle, radius), (0.75, rotation))
+        )
         self.every = max(2, 2 * int(min(longest / (2.0 * dt), LONGEST_CYCLE // 2)))
-        self._parts = penalty_parts(self.every * dt * radius / whole, dt)
+        self._parts = penalty_parts(self.every * dt * radius / longest_part, dt)
         self._tau = self.every * dt / self._parts
         self._middle, self._change = model.zeros(), model.zeros(2 * model.device_mesh.size)
         self._replay = Replay(model.launch)

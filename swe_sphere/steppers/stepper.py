@@ -361,12 +361,13 @@ class Stepper(Trajectory, ABC):
 S = TypeVar("S", bound=Stepper)
 
 
-def read_methods(family: type[S]) -> list[type[S]]:
-    """Define the methods of a family in methods.toml: classes with the attributes in a table."""
+def read_methods(family: type[S], *names: str) -> list[type[S]]:
+    """Define methods of a family in methods.toml: classes with the attributes in their tables."""
+    tables = METHODS[family.__name__]
     return [
-        type(name, (family,), {"__module__": family.__module__, "__doc__": table["doc"].strip()}
-             | {key: value for key, value in table.items() if key != "doc"})
-        for name, table in METHODS[family.__name__].items()
+        type(name, (family,), {"__module__": family.__module__, "__doc__": tables[name]["doc"]}
+             | {key: value for key, value in tables[name].items() if key != "doc"})
+        for name in names
     ]  # fmt: skip
 
 

@@ -90,7 +90,7 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
     while days * seconds_a_day > question.budget and days > 0.1:
         days *= 0.5
     # the error of the slow flow if gravity waves are present as well, otherwise of depth
-    waves = space.scene.wind is None and space.scene.effect("pressure-gradient") is not None
+    waves = space.scene.effect("pressure-gradient") is not None
     slow = waves and math.isfinite(space.limits["advective_limit"])
     target = question.error * days / whole
     plan = make_plan(common | {

@@ -58,7 +58,7 @@ def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], No
     if out.exists() and not config.overwrite:
         found, apart = RunFile(out).attributes, dict.fromkeys(FREE)
         stored, scene = table_in(str(found.get("configuration"))), make_scene(member)
-        days, before = member.days or scene.days, stored.get("days") or scene.days
+        days, before = (scene.days if x is None else x for x in (member.days, stored.get("days")))
         same = stored | apart == member.model_dump(mode="json") | apart
         if same and isinstance(before, int | float) and before <= days:
             _check_sources(found, member, scene)

@@ -26,16 +26,16 @@ def chebyshev_coefficients(degree: int, largest: float) -> list[tuple[float, flo
     ]
 
 
-def schur_bound(operator: SchurOperator, inverse: Array) -> float:
-    """Return a bound on the spectrum of D^-1 S; `inverse` (N,) is 1/D, D the diagonal of S."""
+def schur_bound(operator: SchurOperator) -> float:
+    """Return a bound on the spectrum of D^-1 S, with D the diagonal of S."""
     x, image = operator.field(), operator.field()
 
     def product(values: NDArray[Any]) -> Array:
         operator.put(values, x)
         operator.apply(x, image)
-        return inverse * operator.fetch(image)
+        return operator.fetch(image) / operator.diagonal
 
-    return spectral_bound(product, inverse.size)
+    return spectral_bound(product, operator.diagonal.size)
 
 
 def spectral_bound(product: Product, size: int) -> float:

@@ -14,7 +14,7 @@ import warp as wp
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from swe_sphere.arrays import Array
+from swe_sphere.arrays import Array, Integers
 from swe_sphere.kernels.coarse import assembled, transfer_kernels
 from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors
 from swe_sphere.mesh import Mesh
@@ -27,7 +27,6 @@ from swe_sphere.operators.schur import SchurOperator
 from swe_sphere.operators.sparse import ElementSpace
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
 
-Integers = NDArray[np.integer]
 CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
 """Element corners (end along xi1, end along xi2)."""
 
@@ -83,7 +82,7 @@ def _products(along_1: Array, along_2: Array) -> Array:
     return np.stack(sides, axis=1)
 
 
-def _turned(vertices: Integers) -> NDArray[np.bool_]:
+def _turned(vertices: NDArray[np.integer]) -> NDArray[np.bool_]:
     """Return (E, 4) flags: direction 1 of the element is the second one of its corner's vertex.
 
     The first direction of a vertex is direction 1 of the first element there. Around a vertex of

@@ -50,10 +50,9 @@ class Multilevel:
 
     def setup(self, tau: float, depth: Array) -> None:
         """Prepare for the implicit step tau [s] and the depth (N,) [m] of the operator."""
-        diagonal = self.operator.diagonal
-        courant = float(np.sqrt(diagonal.max()))
+        courant = float(np.sqrt(self.operator.diagonal.max()))
         degree, is_long = DEGREES.get(self.operator.mesh.mesh.np, 4), courant > LONG
-        largest = schur_bound(self.operator, 1.0 / diagonal)
+        largest = schur_bound(self.operator)
         self._steps = self._between = chebyshev_coefficients(degree + is_long, largest)
         cycles = 1 + int(courant / COURANT_A_CYCLE)
         if is_long and not self._symmetric:

@@ -142,6 +142,12 @@ class Sweep:
     ) -> None:  # fmt: skip
         self._plan, self._folder, self._watcher = plan, folder, watcher
         self._study = study = Study(plan, own)
+        solved = study.scene.exact is not None or study.days in study.files
+        if plan.target_kind == "total" and not solved:
+            raise ConfigError(
+                f"target-kind: {study.scene.name} has no solution at day {study.days:g}, and thus"
+                " no total error: give its --reference, or choose time or slow"
+            )
         store = runs_of(folder, f"-{os.getpid()}" if beside else "")
         if not beside:
             sources = study.sources | users_methods(plan.steppers, plan.preconditioner)

@@ -32,11 +32,12 @@ from swe_sphere.files.fingerprints import (
     fingerprint,
     processor,
 )
-from swe_sphere.files.user_file import is_custom, is_user_file
+from swe_sphere.files.user_file import guarded, is_custom, is_user_file
 from swe_sphere.io.integrals import Fields
 from swe_sphere.io.reference_solution import Reference
 from swe_sphere.operators import find_device
 from swe_sphere.planet import DAY
+from swe_sphere.simulation import planning
 from swe_sphere.simulation.build import (
     make_mesh,
     make_scene,
@@ -45,8 +46,6 @@ from swe_sphere.simulation.build import (
     stepper_options,
 )
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.diagnostics import state_integrals
-from swe_sphere.simulation.planning import RunPlan, common_measure, free_steps, time_plan
 from swe_sphere.simulation.restart import identity, run_sources
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
@@ -208,7 +207,7 @@ class Discretisation:
         same without gravity waves.
         """
         gravity = self.sim.gravity_limit
-        at_start = state_integrals(self.sim.model, self.sim.start)
+        at_start, _ = self.sim.initial_numbers
         wind, wave = at_start["max_wind"], at_start["max_wave"]
         if self.scene.effect("pressure-gradient") is None:
             wave = 0.0
@@ -221,8 +220,9 @@ class Discretisation:
         of = kind if own else Stepper
         if of not in self._spectra:
             model = self.sim.model
-            self._spectra[of] = of.spectrum(model, model.initial_state())
-        return kind.limit(self._spectra[of])
+            label = f"spectrum of stepper {kind.name}"
+            self._spectra[of] = guarded(label, of.spectrum, model, model.initial_state())
+        return planning.stability_limit(kind, self._spectra[of])
 
 
 class Study:
@@ -240,10 +240,11 @@ class Study:
         self.report_days = tuple(sorted({*plan.report_days, self.days}))
         """Times of errors [days]; the last is the end."""
         times = [Fraction(day * DAY).limit_denominator(1000) for day in self.report_days]
-        self._every = reduce(common_measure, times)
+        self._every = reduce(planning.common_measure, times)
         self.interval = float(self._every)
         """The longest time [s] of which all report times are multiples."""
-        self.slow = scene.sheds_waves if plan.slow is None else plan.slow
+        wanted = scene.sheds_waves if plan.slow is None else plan.slow
+        self.slow = wanted or plan.target_kind == "slow"
         """True if errors of the slow flow are computed."""
 
     def at(self, ne: int, np: int, precision: str = "float64") -> Discretisation:
@@ -279,13 +280,13 @@ class Study:
         chosen = {"stepper": stepper, **options}
         return Integrator(space.config.model_copy(update=chosen), space, self)
 
-    def steps(self, dt: float, automatic: bool = False) -> RunPlan:
+    def steps(self, dt: float, automatic: bool = False) -> planning.RunPlan:
         """Return steps of at most dt [s] that meet all report times; ConfigError if no step does.
 
         automatic: True for an automatic dt, which may be shortened as much as they require.
         """
         every = self._every / 3600
-        return time_plan(self.days, every, dt, cycle=self.cycle, automatic=automatic)
+        return planning.time_plan(self.days, every, dt, cycle=self.cycle, automatic=automatic)
 
     @property
     def cycle(self) -> int:
@@ -311,11 +312,13 @@ class Study:
         if not self.plan.reference:
             shipped = {day: shipped_solution(self.scene, day) for day in self.report_days}
             return {day: path for day, path in shipped.items() if path}
-        found = {}
+        found: dict[float, Path] = {}
         for path in self.plan.reference:
             time = Reference(path).nearest(None)
             time = self.days * DAY if time is None else time
             near = [day for day in self.report_days if abs(day * DAY - time) < 1.0]
+            if near and near[0] in found:
+                raise ConfigError(f"reference: {path} and {found[near[0]]} are of one day")
             if not near:
                 days = ", ".join(f"{day:g}" for day in self.report_days)
                 raise ConfigError(
@@ -408,7 +411,7 @@ class Integrator:
             trial = role == "stability"
             days = max(self.study.days, TRIAL_DAYS, TRIAL_STEPS * dt / DAY)
             cycle = self.study.cycle
-            steps = free_steps(days, dt, cycle) if trial else self.study.steps(dt)
+            steps = planning.free_steps(days, dt, cycle) if trial else self.study.steps(dt)
         except ConfigError as error:
             return RunSpec(self, dt, None, role, str(error))
         return RunSpec(self, steps.dt, steps, role, self.refusal)
@@ -434,7 +437,7 @@ class RunSpec:
     integrator: Integrator
     dt: float
     """The step [s]."""
-    steps: RunPlan | None = field(compare=False)
+    steps: planning.RunPlan | None = field(compare=False)
     """None if no step near the requested one is possible."""
     role: Role = "grid"
     refusal: str | None = field(default=None, compare=False)
