@@ -3,6 +3,11 @@
 import typer
 
 from swe_sphere.cli.main import COMMANDS, program
+from swe_sphere.simulation.config import RunConfig
+from swe_sphere.studies.sweep.sweep_plan import SweepPlan
+
+MODELS = {"run": RunConfig, "ensemble": RunConfig, "sweep": SweepPlan}
+"""Classes that contain the defaults of the options of a command."""
 
 
 def write_command_tables(file):
@@ -21,9 +26,10 @@ def _section(name, command):
     words = [_argument(each) for each in arguments]
     usage = " ".join(["swe-sphere", name, *words, *(["[OPTIONS]"] if options else [])])
     parts = [f"### {name}", command.help.strip(), f"    {usage}"]
-    parts += [f"* `{_argument(each)}`: {_sentence(each)}" for each in arguments]
+    fields = MODELS[name].model_fields if name in MODELS else {}
+    parts += [f"* `{_argument(each)}`: {_sentence(each, fields)}" for each in arguments]
     if options:
-        rows = [f"| {_flags(each)} | {_cell(_sentence(each))} |" for each in options]
+        rows = [f"| {_flags(each)} | {_cell(_sentence(each, fields))} |" for each in options]
         parts.append("\n".join(["| option | meaning |", "|---|---|", *rows]))
     return "\n\n".join(parts)
 
@@ -39,11 +45,14 @@ def _flags(option):
     return names if option.is_flag else f"{names[:-1]} {form}`"
 
 
-def _sentence(parameter):
+def _sentence(parameter, fields):
     default = parameter.default
-    is_number = isinstance(default, int | float) and not isinstance(default, bool)
+    if default is None and parameter.name in fields:
+        default = fields[parameter.name].default
     words = " ".join((parameter.help or "").replace("\\[", "[").split())
-    return f"{words} Default: {default:g}." if is_number else words
+    if "default" in words.lower() or not isinstance(default, int | float | str):
+        return words
+    return words if isinstance(default, bool) else f"{words} Default: {default}."
 
 
 def _cell(text):

@@ -34,7 +34,7 @@ def _section(name, factory, cases):
         described,
         f"* **Source**: {scene.reference}.\n"
         f"* **Effects**: {effects}; nothing else is compiled.\n"
-        f"* **Recommended**: ne{scene.ne} np{scene.np}, {scene.days:g} days, the defaults of\n\n"
+        f"* **Recommended**: ne{scene.ne} np{scene.np}, {scene.days:g} day{"s" * (scene.days != 1)}, the defaults of\n\n"
         f"      swe-sphere run {name}",
         _drawing(name),
         _parameters(factory, arguments),
