@@ -28,13 +28,14 @@ def _section(name, factory, cases):
     scene = get_scene(name)
     described, arguments = _described(factory)
     effects = ", ".join(f"`{effect.name}`" for effect in scene.effects)
+    length = f"{scene.days:g} day" + ("s" if scene.days != 1.0 else "")
     parts = [
         f"### {name}",
         _picture(name),
         described,
         f"* **Source**: {scene.reference}.\n"
         f"* **Effects**: {effects}; nothing else is compiled.\n"
-        f"* **Recommended**: ne{scene.ne} np{scene.np}, {scene.days:g} day{"s" * (scene.days != 1)}, the defaults of\n\n"
+        f"* **Recommended**: ne{scene.ne} np{scene.np}, {length}, the defaults of\n\n"
         f"      swe-sphere run {name}",
         _drawing(name),
         _parameters(factory, arguments),

@@ -43,6 +43,13 @@ class TimedOut(RunFailed):
     status = "timed-out"
 
 
+class Interrupted(Exception):
+    """The user asked the program to stop; the message names the signal."""
+
+    exit_status = 130  # as in shells
+    status = "interrupted"
+
+
 class NotCopyable:
     """Base of objects with memory on a device, which cannot be copied or pickled."""
 

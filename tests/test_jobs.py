@@ -15,9 +15,8 @@ import numpy as np
 import pytest
 from sweeps import assert_same_rows
 
-from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.errors import ConfigError, Interrupted, RunFailed
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
-from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.studies import cases
 from swe_sphere.studies.jobs import in_processes

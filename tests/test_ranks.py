@@ -25,7 +25,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cubed_sphere import BLOCK
 from swe_sphere.mesh.partition import Partition, curve, single_part
 from swe_sphere.operators import DeviceMesh
-from swe_sphere.operators.device_mesh import LEAST
+from swe_sphere.operators.device_mesh import LEAST_AWAY
 from swe_sphere.ranks.communicator import OF_RANKS, SIZES, Communicator, started_ranks
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS
@@ -83,7 +83,7 @@ class OneOfFive(Communicator):
 def test_fields_of_all_ranks_are_joined_one_after_the_other(mesh, parts):
     fields = np.random.default_rng(2).standard_normal((4, mesh.size))
     comm = OneOfFive(fields, parts)
-    layout = DeviceMesh(mesh, "cpu", wp.float64, "node", comm, parts[0])
+    layout = DeviceMesh(mesh, "cpu", wp.float64, "node", comm, parts[0], Launcher("cpu"))
     state = layout.scatter(fields.ravel())
     np.testing.assert_array_equal(layout.collect(state), fields.ravel())
     assert comm.rooms == [mesh.size] * 4
@@ -125,7 +125,7 @@ def test_the_finest_meshes_here_have_elements_to_compute_behind_messages():
     cases = [[*each[4:6], lanes] for each, lanes in ((EXPLICIT[-1], 8), (SUMMING[-1], 16))]
     for ne, np_, lanes in cases:
         parts = parts_of(Mesh.build(ne, np_), 3)
-        assert min(part.away // lanes for part in parts) >= LEAST
+        assert min(part.away // lanes for part in parts) >= LEAST_AWAY
 
 
 def test_large_meshes_are_dealt_out_in_blocks():

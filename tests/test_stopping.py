@@ -9,10 +9,11 @@ import pytest
 
 from swe_sphere.analysis.accessor import open_run
 from swe_sphere.cli.main import main
+from swe_sphere.errors import Interrupted
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.ranks import limits
 from swe_sphere.simulation import build
-from swe_sphere.simulation.loop import Interrupted, Interruption
+from swe_sphere.simulation.loop import Interruption
 from swe_sphere.simulation.observers import Callback
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.steppers.stepper import Stepper, Trajectory

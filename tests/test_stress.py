@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from swe_sphere.cli.main import main
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, Interrupted
 from swe_sphere.mesh import Mesh
-from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.simulation.planning import RunPlan
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.steppers import STEPPERS
@@ -138,6 +137,7 @@ def test_undershoots_of_tracers_count_as_overshoots_do() -> None:
             model=sim.model,
             scene=sim.scene,
             start=before,
+            initial_numbers=sim.initial_numbers,
             snapshot=sim.snapshot,
             diagnostics=sim.diagnostics | beyond,
         )

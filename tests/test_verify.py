@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 
 from swe_sphere.cli.main import main
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, Interrupted
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.cases import (
     Case,

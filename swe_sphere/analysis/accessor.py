@@ -210,15 +210,13 @@ class Analysis:
         pairs = np.argwhere(np.abs(ours.times[:, None] - theirs.times) <= TOLERANCE)
         if not pairs.size:
             raise ConfigError("the two runs have no common time")
-        same = np.array_equal(self.mesh.xyz, theirs.mesh.xyz)
-        points = None if same else Interpolator(self.mesh, theirs.mesh.lon, theirs.mesh.lat)
+        at = ours.sampler(*theirs.points)
         found: dict[str, list[float]] = {}
         names = [fields] if isinstance(fields, str) or not np.iterable(fields) else [*fields]
         for k, j in pairs:
             left, right = ours.fields(k), theirs.fields(j)
             for field in names:
-                here = derive(left, field) if points is None else evaluate(points, left, field)
-                errors = norms(theirs.mesh.area, here, derive(right, field))
+                errors = norms(theirs.area, evaluate(at, left, field), derive(right, field))
                 for norm, value in errors.items():
                     found.setdefault(f"{norm}_{field}", []).append(value)
         values = {name: ("time", numbers) for name, numbers in found.items()}

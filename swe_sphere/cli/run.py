@@ -21,7 +21,7 @@ import typer
 
 from swe_sphere.cli.options import given, option, with_flags
 from swe_sphere.cli.show import explain
-from swe_sphere.errors import ConfigError, in_one_line
+from swe_sphere.errors import ConfigError, Interrupted, in_one_line
 from swe_sphere.files.user_file import is_user_file
 from swe_sphere.logs import LOGGER, append_lines, print_lines
 from swe_sphere.mesh.partition import check_ranks
@@ -30,7 +30,6 @@ from swe_sphere.ranks.limits import available_memory
 from swe_sphere.settings.values import by_field, convert, overridden, read_toml
 from swe_sphere.simulation.build import make_scene
 from swe_sphere.simulation.config import RunConfig, make_config
-from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.simulation.observers import LogLines, Observer, ProgressBar
 from swe_sphere.simulation.restart import check_paths, read_restart
 from swe_sphere.simulation.simulation import run_scene

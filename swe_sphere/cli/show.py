@@ -12,8 +12,7 @@ from typing import Any
 
 import typer
 
-from swe_sphere.errors import RunFailed, SweError, in_one_line
-from swe_sphere.simulation.loop import Interrupted
+from swe_sphere.errors import Interrupted, RunFailed, SweError, in_one_line
 
 DEBUG = "SWE_SPHERE_DEBUG"
 """Environment variable that shows the traceback of an error."""
@@ -44,10 +43,8 @@ def print_table(heads: Sequence[str], lines: Iterable[Iterable[str]], **look: An
 def explain(error: Exception) -> tuple[str, int]:
     """Return the message to the user, in one line, and the exit status."""
     hint, status = f"({DEBUG}=1 shows where)", 1
-    if isinstance(error, SweError):
+    if isinstance(error, SweError | Interrupted):
         line, status = str(error), error.exit_status
-    elif isinstance(error, Interrupted):
-        line, status = str(error), 130
     elif isinstance(error, typer.TyperException):
         line, status = f"{error.format_message()} (see swe-sphere --help)", error.exit_code
     elif isinstance(error, MemoryError):

@@ -15,11 +15,10 @@ import typer
 
 from swe_sphere.cli.options import AsJson, Jobs, flag, given, option, with_flags
 from swe_sphere.cli.show import print_table, show_line
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, Interrupted
 from swe_sphere.files.durable import clear_errors, contents_of, write_whole
 from swe_sphere.settings.values import names_in
 from swe_sphere.simulation.config import RunConfig, make_config
-from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.simulation.summary import finite
 
 if TYPE_CHECKING:

@@ -14,10 +14,9 @@ import xarray as xr
 from swe_sphere.cli.options import flag, given, option, with_flags
 from swe_sphere.cli.show import print_table
 from swe_sphere.compiling import COMPILING, on_compile
-from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.errors import ConfigError, Interrupted, RunFailed
 from swe_sphere.settings.values import validated
 from swe_sphere.simulation.config import RunConfig, SharedConfig
-from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.studies.advise import Question
 from swe_sphere.studies.advise import advise as advice_on
 from swe_sphere.studies.pages import check_ours

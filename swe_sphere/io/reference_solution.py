@@ -161,17 +161,6 @@ class OnGrid:
         return evaluate(self._interpolator, fields, name), self._reference.values(name)
 
 
-def reference_field(reference: Reference, field: str, bottom: Array | None) -> str:
-    """Return the field, or "surface" for a missing "h"; ConfigError if the bottom is not zero."""
-    if field != "h" or "h" in reference.fields:
-        return field
-    if bottom is not None and np.any(bottom):
-        raise ConfigError(
-            f"{reference.path} holds the free surface, not the depth: compare field 'surface'"
-        )
-    return "surface"
-
-
 DERIVATIVES = {"vorticity": vorticity, "divergence": divergence}
 
 
@@ -240,11 +229,7 @@ def compare(
         _check_scenes(ours, theirs)
     time = _common_time(ours, theirs) if time is None else time
     field = _common_field(ours, theirs, field)
-    nodes = [source.mesh.xyz for source in (ours, theirs) if isinstance(source, RunFile)]
-    if len(nodes) == 2 and np.array_equal(nodes[0], nodes[1]):
-        found = ours.values(field, time)  # no interpolation: equal files have no error
-    else:
-        found = ours.at(field, *theirs.points, time)
+    found = ours.at(field, *theirs.points, time)
     return {"field": field, "time": time, **norms(theirs.area, found, theirs.values(field, time))}
 
 
@@ -274,11 +259,18 @@ def _common_time(*sources: Source) -> float | None:
 
 
 def _common_field(ours: Source, theirs: Source, field: str | None) -> str:
+    """Return the field, or "surface" if "h" is missing and the bottom is zero."""
     references = [s for s in (ours, theirs) if isinstance(s, Reference)]
     if field is None:
         return "surface" if any("h" not in r.fields for r in references) else "h"
     field = check_field(field, [*ours.about, *theirs.about], vector=True)
     bottom = next((s.bottom for s in (ours, theirs) if isinstance(s, RunFile)), None)
-    for reference in references:
-        field = reference_field(reference, field, bottom)
-    return field
+    without_depth = [r for r in references if "h" not in r.fields]
+    if field != "h" or not without_depth:
+        return field
+    if bottom is not None and np.any(bottom):
+        raise ConfigError(
+            f"{without_depth[0].path} holds the free surface, not the depth: compare field"
+            " 'surface'"
+        )
+    return "surface"

@@ -136,11 +136,11 @@ def engine(path: Path) -> Literal["zarr", "netcdf4"]:
 
 def check_length(path: Path) -> None:
     """Raise ValueError if a classic file ends before its data do, which netCDF does not report."""
-    with warnings.catch_warnings(action="ignore"), suppress(ValueError):
-        with suppress(TypeError):  # netCDF-4
+    with warnings.catch_warnings(action="ignore"), suppress(TypeError):  # netCDF-4
+        try:
             netcdf_file(path, mmap=True).close()
-        return
-    raise ValueError("it ends within its data")
+        except ValueError:
+            raise ValueError("it ends within its data") from None
 
 
 def checked(path: Path, name: str, variable: "xr.Variable") -> Array:
@@ -223,6 +223,17 @@ class Source(ABC):
         return evaluate(self.sampler(lon, lat), self.state(time), name)
 
 
+class Unchanged:
+    """Sampler at the points of the source: nothing is interpolated, equal states have no error."""
+
+    def __call__(self, field: Array) -> Array:
+        return field
+
+    def wind(self, u: Array, v: Array) -> tuple[Array, Array]:
+        """Return the components of the wind."""
+        return u, v
+
+
 class Nodal(Source):
     """Fields at the nodes of a mesh."""
 
@@ -239,7 +250,8 @@ class Nodal(Source):
         return self.mesh.area
 
     def sampler(self, lon: Array, lat: Array) -> Sampler:
-        return Interpolator(self.mesh, lon, lat)
+        here = np.array_equal(lon, self.mesh.lon) and np.array_equal(lat, self.mesh.lat)
+        return Unchanged() if here else Interpolator(self.mesh, lon, lat)
 
 
 class RunFile(Nodal):

@@ -22,7 +22,7 @@ from swe_sphere.equations.effects import Effect
 from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.errors import ConfigError, shown
 from swe_sphere.files.durable import clear_errors
-from swe_sphere.io.scalar_fields import derive, evaluate
+from swe_sphere.io.scalar_fields import evaluate
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.mesh import check_settings
 from swe_sphere.mesh.partition import check_ranks
@@ -352,10 +352,8 @@ class Initial:
         return u, v, self._at("h", lon, lat)
 
     def _at(self, name: str, lon: Array, lat: Array) -> Array:
-        """Return a field at points [rad]: stored values at all its nodes, else interpolated."""
+        """Return a field at points [rad]."""
         points = numpy.array((lon, lat))
-        if numpy.array_equal(points, self._run.points):
-            return derive(self._fields, name)
         if not numpy.array_equal(points, self._points):
             self._points, self._sampler = points, self._run.sampler(lon, lat)
         return evaluate(self._sampler, self._fields, name)

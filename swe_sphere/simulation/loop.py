@@ -9,15 +9,11 @@ from contextlib import ExitStack
 from types import FrameType
 from typing import Any, Self
 
-from swe_sphere.errors import RunFailed, TimedOut
+from swe_sphere.errors import Interrupted, RunFailed, TimedOut
 from swe_sphere.files.user_file import is_custom
 from swe_sphere.planet import DAY
 from swe_sphere.ranks.limits import GivenUp, stop_is_asked
 from swe_sphere.simulation.observers import Callback, HealthCheck, Observer, label, observed
-
-
-class Interrupted(Exception):
-    """The user asked the run to stop; the message names the signal."""
 
 
 class Interruption:

@@ -104,9 +104,9 @@ class HealthCheck(Observer):
         self._claims = [e.name for e in conserving if e in custom and e.tendencies[1] is not None]
         self._tendency = model.right_hand_side(counted=False) if self._claims else None
         self._rate = model.zeros()
-        self.norm = self._largest = self._space.norm(start)
-        """Norm of the state seen last [m s-1]: the root of its energy."""
-        self._rms = self._space.norm(self._unit) * self.norm
+        self._largest = self._space.norm(start)
+        """Norm [m s-1], the root of the energy, to which the growth of later states is relative."""
+        self._rms = self._space.norm(self._unit) * self._largest
         if scene.equilibrium is not None:
             level = scene.equilibrium(model.mesh.lon, model.mesh.lat)
             pulled = model.state_from(0.0 * level, 0.0 * level, level)
@@ -125,8 +125,8 @@ class HealthCheck(Observer):
         import warp as wp
 
         model, state, time = snapshot.model, snapshot.state, snapshot.time
-        self.norm, self._changed_by = self._space.norm(state), changed_by
-        if not math.isfinite(self.norm):
+        norm, self._changed_by = self._space.norm(state), changed_by
+        if not math.isfinite(norm):
             raise self._unstable(f"the solution is NaN{spoilt_fields(model, state)}", snapshot)
         # h may undershoot zero without harm if it is passive or the wave is linear
         if not model.scene.linear and (depth := self._space.lowest(state, *self._depth)) <= 0.0:
@@ -136,7 +136,7 @@ class HealthCheck(Observer):
             wp.copy(self._rate, model.parameters["forcing"])
             self._largest += (time - self._time) * self._space.norm(self._rate)
             self._time = time
-        growth = (self.norm / self._largest) ** 2
+        growth = (norm / self._largest) ** 2
         if growth > self._growth:
             raise self._unstable(f"the energy has grown {growth:.3g} times", snapshot)
         lost = abs(self._space.dot(state, self._unit) - self._mass) / self._rms

@@ -23,6 +23,7 @@ from swe_sphere.compiling import is_watched
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import (
     ConfigError,
+    Interrupted,
     NotCopyable,
     RunFailed,
     SolverFailed,
@@ -52,7 +53,7 @@ from swe_sphere.simulation.diagnostics import (
     reference_errors,
     state_integrals,
 )
-from swe_sphere.simulation.loop import Interrupted, Interruption, Loop
+from swe_sphere.simulation.loop import Interruption, Loop
 from swe_sphere.simulation.observers import (
     Callback,
     HealthCheck,

@@ -8,18 +8,22 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from swe_sphere.errors import ConfigError, RunFailed, SweError, in_one_line, unknown_name
+from swe_sphere.errors import (
+    ConfigError,
+    Interrupted,
+    RunFailed,
+    SweError,
+    in_one_line,
+    unknown_name,
+)
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, NAMES
-from swe_sphere.simulation.loop import Interrupted
 
 ROWS = Path(__file__).with_name("summary.j2")
 """Template of the table."""
 
 
-INTERRUPTED = 130
-"""Exit status after Ctrl-C, as in shells."""
 BREAKDOWNS = (ArithmeticError, ValueError, RuntimeError, MemoryError)
 """Errors of libraries that are given a state that is not finite, or too large a problem."""
 
@@ -119,7 +123,7 @@ def summary_of(error: Exception, time: float) -> Summary:
     """Return how an error ended a run at a time [s], without numbers."""
     text = in_one_line(error)
     if isinstance(error, Interrupted):
-        return Summary("interrupted", f"{error} at day {time / DAY:.4g}", INTERRUPTED)
+        return Summary(error.status, f"{error} at day {time / DAY:.4g}", error.exit_status)
     if not isinstance(error, SweError):
         return Summary("solver-failed", f"{type(error).__name__}: {text}", RunFailed.exit_status)
     # a ConfigError in a function of the scene comes too late to refuse the run

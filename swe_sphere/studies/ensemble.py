@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from swe_sphere.equations.scene import Scene
-from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.errors import ConfigError, Interrupted, RunFailed
 from swe_sphere.files.durable import clear_errors, write_whole
 from swe_sphere.files.fingerprints import code_fingerprint
 from swe_sphere.io.checkpoint import checkpoint_path
@@ -21,7 +21,6 @@ from swe_sphere.planet import DAY
 from swe_sphere.settings.values import SCENE, Setting
 from swe_sphere.simulation.build import make_scene
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.simulation.restart import run_sources
 from swe_sphere.simulation.simulation import run_scene
 

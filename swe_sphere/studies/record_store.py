@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from swe_sphere.errors import ConfigError, SweError, in_one_line
+from swe_sphere.errors import ConfigError, Interrupted, SweError, in_one_line
 from swe_sphere.files.durable import contents_of, release, take_lock, write_whole
 from swe_sphere.settings.values import place_and_complaint
-from swe_sphere.simulation.loop import Interrupted, Interruption
+from swe_sphere.simulation.loop import Interruption
 from swe_sphere.simulation.observers import Observer
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.summary import Summary

@@ -1,7 +1,7 @@
 """Cases: runs of scenes with bounds decided beforehand, for `swe-sphere verify` and `stress`."""
 
+from swe_sphere.errors import Interrupted
 from swe_sphere.ranks.communicator import refuse_ranks
-from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.studies.cases.case import Case, choose, families
 from swe_sphere.studies.cases.measure import Measure
 from swe_sphere.studies.cases.rows import Row, count_outcomes, measured_beside, page, run_cases

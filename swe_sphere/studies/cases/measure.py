@@ -22,7 +22,6 @@ from swe_sphere.simulation.diagnostics import (
     Snapshot,
     exact_fields,
     flow_errors,
-    state_integrals,
 )
 from swe_sphere.simulation.observers import Observer, Ticker
 from swe_sphere.simulation.planning import RunPlan, free_steps
@@ -130,7 +129,7 @@ def _compared(sim: Simulation, case: Case, changes: dict[str, Any]) -> Fields:
 def _extremes(sim: Simulation) -> dict[str, float]:
     """Return numbers of the mesh and the initial state, largest winds, and bounds of tracers."""
     mesh, model, before, end = sim.mesh, sim.model, sim.start, sim.diagnostics
-    integrals = state_integrals(model, before)
+    integrals, _ = sim.initial_numbers
     found = {
         "area": abs(float(mesh.area.sum()) / (4.0 * math.pi * mesh.radius**2) - 1.0),
         "mean_depth": integrals["mass"],

@@ -14,10 +14,9 @@ from pathlib import Path
 import xarray as xr
 
 from swe_sphere.equations.scene import Scene
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, Interrupted
 from swe_sphere.planet import DAY
 from swe_sphere.ranks.communicator import refuse_ranks
-from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.steppers import Stepper
 from swe_sphere.studies.jobs import in_processes
 from swe_sphere.studies.pages import prose
