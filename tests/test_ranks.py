@@ -24,7 +24,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cubed_sphere import BLOCK
 from swe_sphere.mesh.partition import Partition, curve, single_part
-from swe_sphere.operators import DeviceMesh
+from swe_sphere.operators import DeviceMesh, Launcher
 from swe_sphere.operators.device_mesh import LEAST_AWAY
 from swe_sphere.ranks.communicator import OF_RANKS, SIZES, Communicator, started_ranks
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS

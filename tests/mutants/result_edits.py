@@ -232,8 +232,8 @@ ANALYSIS = tested(
         "error norms without weights",
         ACCESSOR,
         ("test_analysis.py::test_errors_between_runs_are_weighted_with_areas",),
-        "norms(theirs.mesh.area, here",
-        "norms(1.0 + 0.0 * theirs.mesh.area, here",
+        "norms(theirs.area, evaluate",
+        "norms(1.0 + 0.0 * theirs.area, evaluate",
     ),
     (
         "integrals with the gravity of the Earth",

@@ -243,8 +243,8 @@ METADATA = tested(
         "energy may grow by the root of its bound more",
         "swe_sphere/simulation/observers.py",
         ("test_health.py::test_energy_is_checked_from_both_sides_of_its_bound",),
-        "growth = (self.norm / self._largest) ** 2",
-        "growth = self.norm / self._largest",
+        "growth = (norm / self._largest) ** 2",
+        "growth = norm / self._largest",
     ),
     (
         "a state that a callback changed is not checked",
