@@ -91,8 +91,8 @@ class Counted:
         self._exchanges = Counter[Halo]()
         build, start = Halo.__init__, Halo._start
 
-        def kept(halo: Halo, comm: Communicator, flat: Any, sends: Any, *more: Any) -> None:
-            build(halo, comm, flat, sends, *more)
+        def kept(halo: Halo, launch: Any, flat: Any, sends: Any, *more: Any) -> None:
+            build(halo, launch, flat, sends, *more)
             self._halos.append((halo, len(sends), comm.rank in sends))
 
         def counted(halo: Halo) -> None:
