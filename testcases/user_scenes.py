@@ -25,7 +25,6 @@ import importlib
 import inspect
 import os
 import pkgutil
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -66,14 +65,14 @@ def is_scene_file(name: str) -> bool:
 def scene_files(name: str) -> list[Path]:
     """Return the file of a loadable scene, the file of its base, and so on to the last file.
 
-    The list is empty for a key of `SCENES`. Raises OSError if a file no longer exists.
+    The list is empty for a key of `SCENES`. Raises ConfigError if a file of TOML cannot be read.
     """
     path = Path(name)
     if not is_scene_file(name):
         return []
     if is_user_file(name):
         return [path]
-    base = str(tomllib.loads(path.read_text(encoding="utf-8-sig"))["base"])
+    base = str(read_toml(path)["base"])
     return [path, *(scene_files(os.fspath(path.parent / base)) if is_scene_file(base) else [])]
 
 

@@ -28,9 +28,9 @@ def narrow(monkeypatch):
 @pytest.fixture
 def waves(monkeypatch):
     """The waves that are launched, with the number of their launches."""
-    seen, call = [], strips.Wave.__call__
+    seen, call = [], strips.StripLaunches.__call__
     monkeypatch.setattr(
-        strips.Wave, "__call__", lambda wave: (seen.append(len(wave._rows)), call(wave))[1]
+        strips.StripLaunches, "__call__", lambda of: (seen.append(len(of._rows)), call(of))[1]
     )
     return seen
 

@@ -171,9 +171,9 @@ def test_after_any_single_failed_write_all_frames_can_be_read(mesh, tmp_path, mo
             left = k
             with suppress(RunFailed):
                 writer.write(60.0, frame(mesh, 1), {"mass": 2.0})
-            if again and writer.frames == 1:
+            if again and writer._growing.records == 1:
                 writer.write(60.0, frame(mesh, 1), {"mass": 2.0})
-            frames = writer.frames
+            frames = writer._growing.records
             with suppress(RunFailed):
                 writer.finish({"days": 1.0})
             whole, left = left > 0, 0

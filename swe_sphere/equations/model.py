@@ -196,7 +196,7 @@ class Model(DiscreteScene):
         operations = fluid_operations(self, component, base, step)
         if self.carried is not None and not fluid_only:
             operations += self.carried.operations(component, base, step)
-        counter = COMPONENTS[component]
+        counter = COMPONENTS[component].counter
         fields = (self.wind,) if component == "tangent" else (self.wind, self.forcing)
         return RightHandSide(
             operations=tuple(operations),

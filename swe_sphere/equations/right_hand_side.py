@@ -38,11 +38,29 @@ class Operation(NamedTuple):
     """Array to write; None for the result."""
 
 
-COMPONENTS: Mapping[str, str | None] = {
-    "all": "rhs_evaluations", "conservative": "rhs_evaluations", "dissipative": None,
-    "diffusive": None, "penalising": None, "tangent": "tangent_evaluations",
-}  # fmt: skip
-"""The components by name, and the counter of each.
+class Component(NamedTuple):
+    """A part of the right-hand side."""
+
+    acts: Callable[[Effect], bool]
+    """Function that returns whether an effect acts in the component."""
+    counter: str | None = None
+    """Counter that each evaluation increases by 1; None if there is none."""
+    flags: frozenset[str] = frozenset()
+    """Terms of kernels that the component has besides those of its effects."""
+
+
+STILL = frozenset({"still"})
+COMPONENTS: Mapping[str, Component] = {
+    "all": Component(lambda effect: True, "rhs_evaluations"),
+    "conservative": Component(lambda effect: not effect.dissipation, "rhs_evaluations"),
+    "dissipative": Component(lambda effect: effect.dissipation, flags=STILL),
+    "diffusive": Component(lambda effect: effect.diffuses, flags=STILL),
+    "penalising": Component(lambda effect: effect.name == "edge-penalty", flags=STILL),
+    "tangent": Component(
+        lambda effect: not effect.constant, "tangent_evaluations", frozenset({"tangent"})
+    ),
+}
+"""The components by name.
 
 "all" is the sum of "conservative" and "dissipative". Parts of "dissipative" are "diffusive", the
 viscosity and the hyperviscosity, and "penalising", the edge penalty. "tangent" is the derivative of
@@ -166,22 +184,13 @@ def pointwise_terms(scene: Scene, component: str, parameters: Mapping[str, Any])
 
 def acting(scene: Scene, component: str) -> list[Effect]:
     """Return the effects in a component (see `COMPONENTS`)."""
-    acts: Mapping[str, Callable[[Effect], bool]] = {
-        "all": lambda effect: True,
-        "conservative": lambda effect: not effect.dissipation,
-        "dissipative": lambda effect: effect.dissipation,
-        "diffusive": lambda effect: effect.diffuses,
-        "penalising": lambda effect: effect.name == "edge-penalty",
-        "tangent": lambda effect: not effect.constant,
-    }
-    return [*filter(acts[component], scene.effects)]
+    return [*filter(COMPONENTS[component].acts, scene.effects)]
 
 
 def _flags(scene: Scene, component: str) -> set[str]:
     flags = {flag for effect in acting(scene, component) for flag in effect.terms}
     flags |= {flag for effect in scene.effects for flag in effect.everywhere}
-    damping = component in ("dissipative", "diffusive", "penalising")
-    return flags | ({"still"} if damping else {component} & {"tangent"})
+    return flags | COMPONENTS[component].flags
 
 
 def _point_term(effect: PointwiseEffect, known: Mapping[str, Any], tangent: bool) -> PointTerm:

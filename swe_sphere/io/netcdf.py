@@ -106,10 +106,6 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
             )
         self._begun = False
 
-    @property
-    def frames(self) -> int:
-        return self._growing.records
-
     def write(
         self,
         time: float,
@@ -137,7 +133,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
             if diagnostics:
                 self._growing.add_sample(self._sample(time, diagnostics))
             self._begun = True
-            if self._earlier is None or self.frames >= self._earlier.times.size:
+            if self._earlier is None or self._growing.records >= self._earlier.times.size:
                 self._growing.put_in_place()
 
     def record(self, time: float, diagnostics: Mapping[str, float | None]) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import warp as wp
 
 from swe_sphere.operators.launch import REMEMBERED, Cuts, Launcher, warp_internals
-from swe_sphere.operators.strips import Wave
+from swe_sphere.operators.strips import StripLaunches
 
 Pieces = list[Callable[[], None]]
 """Sequence of graphs of launches, with host functions between them."""
@@ -114,13 +114,13 @@ def _captured(launch: Launcher, pieces: Pieces) -> Iterator[None]:
 
 
 def _defer(core: Any, launch: Launcher, pieces: Pieces, known: tuple[Any, ...], cuts: Cuts) -> None:
-    """Add a launch over strips to the preceding wave, if nothing is between them."""
-    wave = pieces[-1] if pieces else None
+    """Add a launch over strips to the preceding ones, if nothing is between them."""
+    last = pieces[-1] if pieces else None
     others = core.wp_apic_get_operation_count(core.wp_apic_get_recording_state())
-    if others or not isinstance(wave, Wave):
-        wave = Wave(launch)
-        between(launch.device, wave)
-    wave.add(known, cuts)
+    if others or not isinstance(last, StripLaunches):
+        last = StripLaunches(launch)
+        between(launch.device, last)
+    last.add(known, cuts)
 
 
 def _end(device: str) -> Callable[[], None]:

@@ -54,7 +54,7 @@ class Strips:
         self.groups = Cuts(groups, 0, 1, reach)
 
 
-class Wave:
+class StripLaunches:
     """Launches that run together over the strips of one mesh; see `sweep_strips` for the table."""
 
     def __init__(self, launch: Launcher) -> None:

@@ -7,7 +7,6 @@ from swe_sphere.equations.model import Model
 from swe_sphere.kernels import Terms
 from swe_sphere.kernels.average import average_kernel
 from swe_sphere.kernels.pointwise import Pointwise
-from swe_sphere.kernels.vectors import axpby
 from swe_sphere.operators import TendencyOperator
 from swe_sphere.operators.replay import recorded
 from swe_sphere.solvers.vector_space import VectorSpace
@@ -35,9 +34,8 @@ class PoissonTendency:
         own = model.parameters | {"base": self._base}
         operator = TendencyOperator(mesh, terms, own, point)
         self._operator = recorded(model.launch, operator)
-        self._average, self._combine = model.launch.compile(
-            mesh.real, average_kernel(scene.bottom is not None), axpby
-        )
+        average = average_kernel(scene.bottom is not None)
+        (self._average,) = model.launch.compile(mesh.real, average)
         bottom = model.parameters.get("bottom", self._mean)
         self._constants = mesh.size, scene.planet.gravity, bottom
         self._masses = self._mean[model.fluid_size :] if model.tracers is not None else None
@@ -64,7 +62,7 @@ class PoissonTendency:
         tracers = model.tracers
         if tracers is not None:
             first, last = first[tracers.first :], last[tracers.first :]
-            model.launch(self._combine, last.size, 0.5, last, 0.5, first, self._masses)
+            model.launch.combine(last, last, -0.5, first, 0.5, out=self._masses)
             tracers.carry(self._base, self._mean, out)
 
 
