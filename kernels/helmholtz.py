@@ -88,8 +88,8 @@ def divergence(begin: int, geo: geometry, f1: local, f2: local, out: local):
 
 @func
 def put_fluxes(geo: geometry, u: value, v: value, row: int, e: int, n: int, f1: local, f2: local):
-    f1[row, n, 0] = dot(geo.fluxes[e, n, 0], geo.fluxes[e, n, 1], u, v)
-    f2[row, n, 0] = dot(geo.fluxes[e, n, 2], geo.fluxes[e, n, 3], u, v)
+    f1[row, n, 0] = dot(geo.flux_matrix[e, n, 0], geo.flux_matrix[e, n, 1], u, v)
+    f2[row, n, 0] = dot(geo.flux_matrix[e, n, 2], geo.flux_matrix[e, n, 3], u, v)
 
 
 @kernel

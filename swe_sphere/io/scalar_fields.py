@@ -34,8 +34,8 @@ class FieldStyle:
 POWER, RAISED = re.compile(r"\$\^\{(.*?)\}\$"), str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-PICTURES = VARIABLES["pictures"] | VARIABLES["derived"]
-FIELDS = {name: FieldStyle(**table) for name, table in PICTURES.items()}
+STYLES = VARIABLES["pictures"] | VARIABLES["derived"]
+FIELDS = {name: FieldStyle(**table) for name, table in STYLES.items()}
 """Scalar fields by name.  Errors are also available for the vector "wind", and a run with tracers
 has the mixing ratio "q_NAME" of each."""
 

@@ -148,7 +148,7 @@ class SchurOperator:
         """Threads of a launch over the elements."""
         shape = mesh.groups, mesh.points
         arrays = {"per_area": mesh.on_elements(1.0 / mesh.mesh.area[self._nodes])}
-        for name, size in (("fluxes", (*shape, 4)), ("per_diagonal", shape)):
+        for name, size in (("flux_matrix", (*shape, 4)), ("per_diagonal", shape)):
             arrays[name] = wp.zeros(size, dtype=self._value, device=mesh.device)
         self._geometry = mesh.geometry(types.geometry, arrays)
         passages = helmholtz.spread, helmholtz.collect
@@ -210,7 +210,7 @@ class SchurOperator:
         for target, values in (
             (self._same, mesh.scatter(same)),
             (self._cross, mesh.scatter(cross)),
-            (self._geometry.fluxes, mesh.on_elements(fluxes, (4,))),
+            (self._geometry.flux_matrix, mesh.on_elements(fluxes, (4,))),
             (self._geometry.per_diagonal, mesh.on_elements(1.0 / self.diagonal[nodes])),
         ):
             wp.copy(target, values)

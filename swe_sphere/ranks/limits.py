@@ -43,8 +43,8 @@ def process_age() -> float:
 
 
 @cache
-def _libraries(scipy: bool) -> ThreadpoolController:
-    """Return the BLAS libraries loaded so far; `scipy`: True if `scipy.linalg` added its BLAS."""
+def _libraries(scipy_is_loaded: bool) -> ThreadpoolController:
+    """Return the BLAS libraries loaded so far; `scipy.linalg` adds one, so that results differ."""
     return ThreadpoolController()
 
 

@@ -416,7 +416,7 @@ class Callback(Observer):
         called(label(self), self.function, snapshot.sim)
 
 
-PICTURES = 100
+PICTURES_A_RUN = 100
 """Pictures of a live view in a run, evenly spaced in simulated time."""
 
 
@@ -436,7 +436,7 @@ def live_view(field: str, comm: Any) -> Callback:
         caption = f"day {sim.time / DAY:.2f} of {sim.days:g}, {sim.scene.name}"
         comm.on_root(lambda: picture.draw(frame, sim.time, caption))
 
-    return Callback(draw, times=PICTURES)
+    return Callback(draw, times=PICTURES_A_RUN)
 
 
 def every(

@@ -27,7 +27,7 @@ from swe_sphere.testcases.user_scenes import scene_files
 if TYPE_CHECKING:
     from swe_sphere.steppers import Trajectory
 
-PICTURES = (".png", ".pdf", ".svg")
+ENDINGS = (".png", ".pdf", ".svg")
 
 OF_ONE_RUN = {
     "out": "run()", "overwrite": "run()", "plot": "plot()", "restart": "from_checkpoint()",
@@ -99,8 +99,8 @@ def check_paths(config: RunConfig) -> None:
         target = path if path.exists() else path.parent
         if not os.access(target, os.W_OK):
             raise ConfigError(f"{name}: {target} cannot be written to: choose another place")
-    if config.plot is not None and config.plot.suffix.lower() not in PICTURES:
-        raise ConfigError(f"plot: {config.plot} must end in {', '.join(PICTURES)}")
+    if config.plot is not None and config.plot.suffix.lower() not in ENDINGS:
+        raise ConfigError(f"plot: {config.plot} must end in {', '.join(ENDINGS)}")
     if config.plot is not None and config.plot.exists() and not config.overwrite:
         also = "" if config.restart else ", or replace it with --overwrite"
         raise ConfigError(f"plot: {config.plot} exists: choose another name{also}")

@@ -177,11 +177,11 @@ class GravityWaves:
     def __init__(self, model: Model) -> None:
         self.depth, mesh, rest = reference_depth(model), model.device_mesh, state_of_rest(model)
         self._apply_to_fluid = wave_operator(model, rest)
-        self._tracers: TracerWaves | FluxWaves | None = None
+        self._carried: TracerWaves | FluxWaves | None = None
         if isinstance(model.carried, MassFlux):
-            self._tracers = FluxWaves(model, model.carried, rest)
+            self._carried = FluxWaves(model, model.carried, rest)
         elif model.carried is not None:
-            self._tracers = TracerWaves(model, model.carried, rest)
+            self._carried = TracerWaves(model, model.carried, rest)
         coriolis = np.zeros(model.mesh.size)
         self.operator = schur_operator(model, coriolis, wp.float64, mesh.real)
         self._rough = schur_operator(model, coriolis, wp.float32, mesh.real)
@@ -198,14 +198,14 @@ class GravityWaves:
 
     def linearise(self, state: wp.array) -> None:
         """Fix the mixing ratios with which tracers follow the waves."""
-        if isinstance(self._tracers, TracerWaves):
-            self._tracers.linearise(state)
+        if isinstance(self._carried, TracerWaves):
+            self._carried.linearise(state)
 
     def apply(self, d: wp.array, out: wp.array) -> None:
         """Set out = L d, both states."""
         self._apply_to_fluid(d, out)
-        if self._tracers is not None:
-            self._tracers.apply(d, out)
+        if self._carried is not None:
+            self._carried.apply(d, out)
 
     def setup(self, tau: float) -> None:
         """Prepare for the implicit step tau [s]; no work if it equals the last one."""
@@ -240,8 +240,8 @@ class GravityWaves:
         self.space.match_mean(self._b, self._h, self._ones)
         self.operator.spread(self._h, h)
         self.operator.substitute(r, h, out)
-        if self._tracers is not None:
-            self._tracers.solve(self.tau, r, out)
+        if self._carried is not None:
+            self._carried.solve(self.tau, r, out)
         return result
 
     def _product(self, d: wp.array, out: wp.array) -> None:

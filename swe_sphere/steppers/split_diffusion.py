@@ -93,7 +93,7 @@ class Diffusion:
     def _step(
         self, x: wp.array, slope: wp.array | None, scale: float, change: wp.array, y: wp.array
     ) -> None:
-        """Set change = scale (Y - x) and y = x + change after a step from x.
+        """Set change = scale (Y - x), and y = x + change, which is Y if scale is 1.
 
         Stages are kept as changes: rounded factors of the state itself would change its mass.
         """
@@ -152,7 +152,7 @@ class SplitPenalty:
         penalise, tau, point = self._model.penalise, self._tau, x
         combine, change = self._model.launch.combine, self._change
         if follow is not None:
-            combine(x, x, 0.0, out=change)
+            wp.copy(change, x, count=change.size)
         for _ in range(self._parts):
             if self._second_order:
                 point = self._middle

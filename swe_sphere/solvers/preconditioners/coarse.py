@@ -248,7 +248,10 @@ class CoarsePart:
 
 
 def _numbers(spaces: list[ElementSpace]) -> Integers:
-    """Return numbers (E, k) of the functions on each element, one space after the other."""
+    """Return numbers (E, k) of the functions on each element, one space after the other.
+
+    A slot of the third block belongs to the third or to the fourth space; the other number is 0.
+    """
     starts = np.cumsum([0, *(int(space.numbers.max()) + 1 for space in spaces)])
     smooth, both, one, other = (
         np.where(space.numbers < 0, 0, space.numbers + start)
