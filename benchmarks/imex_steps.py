@@ -15,6 +15,7 @@ from implicit_common import MOUNTAIN
 from sections import Section, command
 
 from swe_sphere.equations.model import Model
+from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import RunFailed
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import diagnose
@@ -69,7 +70,7 @@ def limits(scene: str, mesh: str) -> dict[str, Any]:
     found |= {"start": advection_rate(model, state), "told": wave, "most": strongest(model, state)}
     for name in NAMES:
         kind = STEPPERS[name]
-        step = kind.safety * kind.stable_dt(wave)
+        step = kind.safety * kind.stable_dt(Spectrum(wave))
         found[name] = [step, bisect(kind, model, state, step)]
     return found
 
@@ -77,7 +78,7 @@ def limits(scene: str, mesh: str) -> dict[str, Any]:
 def automatic(kind: type[Stepper], model: Model, state: wp.array) -> float:
     """Return the automatic step [s]."""
     spectrum = kind.spectrum(model, state)
-    return kind.safety * kind.stable_dt(spectrum.wave, spectrum.dissipation)
+    return kind.safety * kind.stable_dt(Spectrum(spectrum.wave, spectrum.dissipation))
 
 
 def strongest(model: Model, state: wp.array) -> float:

@@ -139,7 +139,7 @@ def test_it_limits_no_step(name: str) -> None:
     found = kind.spectrum(thick, state)
     assert found == kind.spectrum(plain, state)
     assert kind.order_in(thick) == (1 if name in FIRST_ORDER else 2)
-    stepper = kind(thick, 0.9 * kind.limit(found))
+    stepper = kind(thick, 0.9 * kind.stable_dt(found))
     assert len(stepper.diffusion.stages) > 5
     (operation,) = stepper.model.tendency.operations
     assert not {"nu", "nu4"} & {*operation.operator.geometry._cls.vars}

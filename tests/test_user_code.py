@@ -34,8 +34,7 @@ METHODS = {
     "swap": "    def swap(self):\n        {fault}\n",
     "state_dict": "    def state_dict(self):\n        {fault}\n",
     "growth": "    @classmethod\n    def growth(cls, *z):\n        {fault}\n",
-    "stable_dt": "    @classmethod\n    def stable_dt(cls, *radii):\n        {fault}\n",
-    "limit": "    @classmethod\n    def limit(cls, spectrum):\n        {fault}\n",
+    "stable_dt": "    @classmethod\n    def stable_dt(cls, spectrum):\n        {fault}\n",
     "spectrum": "    @classmethod\n    def spectrum(cls, model, state, t=0.0):\n        {fault}\n",
     "complete": "    @classmethod\n    def complete(cls):\n        {fault}\n",
 }

@@ -38,7 +38,7 @@ def stability_limit(kind: type[Stepper], spectrum: Spectrum) -> float:
     Raises ConfigError if the stepper does not return a number.
     """
     label = f"stable_dt of stepper {kind.name}"
-    return float(convert(label, float, guarded(label, kind.limit, spectrum), finite=False))
+    return float(convert(label, float, guarded(label, kind.stable_dt, spectrum), finite=False))
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ def strongest_advection(model: Model) -> float:
     coarse = Model(small, scene, model.device, model.precision, model.shape)
     state = coarse.initial_state()
     spectrum = RK4.spectrum(coarse, state)
-    dt = RK4.safety * RK4.stable_dt(spectrum.wave, spectrum.dissipation)
+    dt = RK4.safety * RK4.stable_dt(spectrum)
     steps = min(min(coarse.scene.days, DAYS) * DAY / dt, MOST_STEPS)
     stepper = RK4(coarse, dt)
     stepper.start(state)
@@ -84,20 +84,13 @@ class FlowLimitStepper(Stepper):
         return replace(found, wind=found.wave * share, turning=turning)
 
     @classmethod
-    def limit(cls, spectrum: Spectrum) -> float:
-        """Return the largest step [s] that is stable in winds up to `wind` of the spectrum."""
-        return cls.stable_dt(spectrum.wave, spectrum.dissipation, spectrum.wind, spectrum.turning)
+    def stable_dt(cls, spectrum: Spectrum) -> float:
+        """Return the largest step [s] that amplifies no wave in winds up to `wind` of the spectrum.
 
-    @classmethod
-    def stable_dt(
-        cls, wave: float, dissipation: float = 0.0, wind: float = 0.0, turning: float = 0.0
-    ) -> float:
-        """Return the largest step [s] that amplifies no wave; `wind` [s-1]: wind's part of `wave`.
-
-        It also amplifies no wave in any weaker wind, no vorticity that the wind carries, and no
-        inertial oscillation at `turning` [s-1].
+        It also amplifies no vorticity that the wind carries, and no inertial oscillation.
         """
-        share, turn = (rate / wave if wave > 0.0 else 0.0 for rate in (wind, turning))
+        wave, rates = spectrum.wave, (spectrum.wind, spectrum.turning)
+        share, turn = (rate / wave if wave > 0.0 else 0.0 for rate in rates)
         cases = [(1.0 - share, part * share) for part in (PARTS if share > 0.0 else (0.0,))]
         cases += [(0.0, share), (0.0, turn)]
 
@@ -107,7 +100,7 @@ class FlowLimitStepper(Stepper):
             return np.asarray(np.max([largest_eigenvalue(s) for s in steps], axis=0))
 
         return largest_step(
-            growth, wave, dissipation, cls.reach, WEAK if share else TOLERANCE, cls.looks
+            growth, wave, spectrum.dissipation, cls.reach, WEAK if share else TOLERANCE, cls.looks
         )
 
     @classmethod

@@ -325,14 +325,10 @@ class Stepper(Trajectory, ABC):
         return model.inviscid.spectrum(state, t)
 
     @classmethod
-    def limit(cls, spectrum: Spectrum) -> float:
+    def stable_dt(cls, spectrum: Spectrum) -> float:
         """Return the largest stable step [s] for the result of `spectrum`."""
-        return cls.stable_dt(spectrum.wave, spectrum.dissipation)
-
-    @classmethod
-    def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
-        """Return the largest stable step [s] for spectral radii of waves and dissipation [s-1]."""
-        return largest_step(cls.growth, wave, dissipation, cls.reach, growth_time=GROWTH_TIME)
+        radii = spectrum.wave, spectrum.dissipation
+        return largest_step(cls.growth, *radii, cls.reach, growth_time=GROWTH_TIME)
 
     @classmethod
     def growth(cls, z_wave: Complex, z_dissipation: Complex) -> Array:
