@@ -20,7 +20,7 @@ from swe_sphere.errors import ConfigError, SweError
 from swe_sphere.files.durable import check_moved, clear_errors
 from swe_sphere.io.growing import check_zarr, is_store
 from swe_sphere.io.layout import FINITE, MESH_ATTRIBUTES, SERIES, SUMMARY, TRACER, decode, in_python
-from swe_sphere.io.scalar_fields import Sampler, derive, evaluate
+from swe_sphere.io.scalar_fields import Sampler, Unchanged, derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.mesh.sphere import position
 from swe_sphere.planet import DAY
@@ -221,17 +221,6 @@ class Source(ABC):
     def at(self, name: str, lon: Array, lat: Array, time: float | None = None) -> Array:
         """Return a field at any points lon, lat (M,) [rad]: (M,), or (2, M) for "wind"."""
         return evaluate(self.sampler(lon, lat), self.state(time), name)
-
-
-class Unchanged:
-    """Sampler at the points of the source: nothing is interpolated, equal states have no error."""
-
-    def __call__(self, field: Array) -> Array:
-        return field
-
-    def wind(self, u: Array, v: Array) -> tuple[Array, Array]:
-        """Return the components of the wind."""
-        return u, v
 
 
 class Nodal(Source):
