@@ -429,6 +429,16 @@ def test_importing_the_package_loads_next_to_nothing(tmp_path):
     assert output(tmp_path, code) == "set()\n"
 
 
+def test_help_does_not_load_warp(tmp_path):
+    code = (
+        "import sys; from swe_sphere.cli.main import main\n"
+        "try: main(['run', '--help'])\n"
+        "except SystemExit as end: assert end.code == 0\n"
+        "print('warp' in sys.modules)"
+    )
+    assert output(tmp_path, code).splitlines()[-1] == "False"
+
+
 def test_a_plain_run_loads_neither_plots_nor_files(tmp_path):
     code = (
         "import sys; from swe_sphere.cli.main import main\n"

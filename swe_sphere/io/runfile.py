@@ -20,7 +20,7 @@ from swe_sphere.errors import ConfigError, SweError
 from swe_sphere.files.durable import check_moved, clear_errors
 from swe_sphere.io.growing import check_zarr, is_store
 from swe_sphere.io.layout import FINITE, MESH_ATTRIBUTES, SERIES, SUMMARY, TRACER, decode, in_python
-from swe_sphere.io.scalar_fields import Sampler, Unchanged, derive, evaluate
+from swe_sphere.io.scalar_fields import Sampler, derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.mesh.sphere import position
 from swe_sphere.planet import DAY
@@ -193,8 +193,11 @@ class Source(ABC):
         return self.frame(time)
 
     @abstractmethod
-    def sampler(self, lon: Array, lat: Array) -> Sampler:
-        """Return a sampler that evaluates fields (N,) and winds at points lon, lat (M,) [rad]."""
+    def sampler(self, lon: Array, lat: Array) -> Sampler | None:
+        """Return a sampler that evaluates fields (N,) and winds at points lon, lat (M,) [rad].
+
+        It is None at the points of the source itself, so that equal states have no error.
+        """
 
     def index(self, time: float | None) -> int:
         """Return the index of the frame at time [s], of the last for None; ConfigError if none."""
@@ -238,9 +241,9 @@ class Nodal(Source):
     def area(self) -> Array:  # type: ignore[override]
         return self.mesh.area
 
-    def sampler(self, lon: Array, lat: Array) -> Sampler:
+    def sampler(self, lon: Array, lat: Array) -> Sampler | None:
         here = np.array_equal(lon, self.mesh.lon) and np.array_equal(lat, self.mesh.lat)
-        return Unchanged() if here else Interpolator(self.mesh, lon, lat)
+        return None if here else Interpolator(self.mesh, lon, lat)
 
 
 class RunFile(Nodal):

@@ -101,23 +101,13 @@ class Sampler(Protocol):
         """Return the eastward and northward components of a vector at these points."""
 
 
-class Unchanged:
-    """Sampler at the points of the source: nothing is interpolated, equal states have no error."""
-
-    def __call__(self, field: Array) -> Array:
-        return field
-
-    def wind(self, u: Array, v: Array) -> tuple[Array, Array]:
-        """Return the components of the wind."""
-        return u, v
-
-
-def evaluate(sampler: Sampler, fields: Mapping[str, Array], name: str) -> Array:
+def evaluate(sampler: Sampler | None, fields: Mapping[str, Array], name: str) -> Array:
     """Return the named field at the points of a sampler from fields (N,) of a source.
 
-    Fields derived from the wind use the vector, because its components jump at the poles.
+    Fields derived from the wind use the vector, because its components jump at the poles. Without a
+    sampler nothing is interpolated: the points are those of the source.
     """
-    if isinstance(sampler, Unchanged):
+    if sampler is None:
         return derive(fields, name)
     made = name in ("speed", "wind", "kinetic_energy") and name not in fields
     if made or name in ("u", "v"):

@@ -1,20 +1,24 @@
 """The steps of a run: their length, as requested or chosen, fitted to the frames."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.user_file import guarded
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.settings.values import convert
-from swe_sphere.steppers import Stepper
+
+if TYPE_CHECKING:  # imports Warp
+    from swe_sphere.equations.spectrum import Spectrum
+    from swe_sphere.steppers import Stepper
 
 MOST_STEPS = 10**9
 SHORTEST = Fraction(1, 2)

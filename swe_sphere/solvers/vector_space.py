@@ -7,6 +7,7 @@ how many ranks share the vectors.
 """
 
 import ctypes
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -170,15 +171,18 @@ class HostSpace(VectorSpace):
         self._call = wp.zeros(4, dtype=wp.uint64, device="cpu")
         self._arguments, self._listed = self._call.numpy(), np.empty(0, np.uint64)
         self._products, self._coefficients = np.empty(0), np.empty(0)
-        self._sum, self._weighted, self._combination = self._launch.compile(
-            self.real, scaled_sum, weighted_products, combinations
-        )
-        factors, self._threads = wp.zeros(2, dtype=wp.float64, device="cpu"), -(-self.n // SPAN)
-        self._factors = factors.numpy()
-        self._sum_of_two = self._record(self._sum, self._threads, [self._call, factors, self.n])
 
-    def _record(self, kernel: Any, threads: int, inputs: list[Any]) -> Any:
+    def _record(self, template: Any, threads: int, inputs: list[Any]) -> Any:
+        (kernel,) = self._launch.compile(self.real, template)
         return wp.launch(kernel, threads, inputs, device="cpu", record_cmd=True)
+
+    @functools.cached_property
+    def _sum_of_two(self) -> tuple[Any, Array]:
+        """Recorded command for the sum of two vectors, and its two factors."""
+        factors = wp.zeros(2, dtype=wp.float64, device="cpu")
+        inputs = [self._call, factors, self.n]
+        command = self._record(scaled_sum, -(-self.n // SPAN), inputs)
+        return command, factors.numpy()
 
     def view(self, x: wp.array) -> NDArray[Any]:
         """Return the memory of a Warp array as a numpy array of the same shape.
@@ -213,8 +217,9 @@ class HostSpace(VectorSpace):
         self, a: float, x: wp.array, b: float, y: wp.array, out: wp.array | None = None
     ) -> None:
         self._arguments[:3] = *map(self._address, (x, y)), self._address(y if out is None else out)
-        self._factors[:] = a, b
-        self._sum_of_two.launch()
+        command, factors = self._sum_of_two
+        factors[:] = a, b
+        command.launch()
 
     def scale(self, a: float, x: wp.array) -> None:
         target = self.view(x)
@@ -231,7 +236,7 @@ class HostSpace(VectorSpace):
         if len(arguments) > self._listed.size:
             call = wp.zeros(3 + 3 * max(len(calls), 8), dtype=wp.uint64, device="cpu")
             self._listed, inputs = call.numpy(), [call, self._weights, self._spans, self._size]
-            self._multiply = self._record(self._weighted, 1, inputs)
+            self._multiply = self._record(weighted_products, 1, inputs)
         self._listed[: len(arguments)] = arguments
         self._multiply.launch()
         return self._products[:count] if self._shared is None else self._shared.total(count)
@@ -246,7 +251,8 @@ class HostSpace(VectorSpace):
         if c.size >= self._coefficients.size:
             coefficients = wp.zeros(1 + max(2 * c.size, 16), dtype=wp.float64, device="cpu")
             self._coefficients, inputs = coefficients.numpy(), [self._call, coefficients, self.n]
-            self._add_up = self._record(self._combination, self._threads, inputs)
+            threads = -(-self.n // SPAN)
+            self._add_up = self._record(combinations, threads, inputs)
         self._coefficients[0], self._coefficients[1 : 1 + c.size] = scale, c
         self._arguments[:4] = *map(self._address, (x, stack, out)), c.size
         self._add_up.launch()
@@ -257,9 +263,8 @@ class DeviceSpace(VectorSpace):
 
     def _allocate(self) -> None:
         self._blocks = self._spans.shape[1]
-        kernels = combine_rows, axpby, products, least
         blocks = Launcher(self.device, self._comm)  # of BLOCK_THREADS threads
-        self._combine, self._axpby, self._sum, self._least = blocks.compile(self.real, *kernels)
+        self._kernel = functools.cache(lambda template: blocks.compile(self.real, template)[0])
         self._reserve(32)
 
     def _reserve(self, rows: int) -> None:
@@ -285,7 +290,7 @@ class DeviceSpace(VectorSpace):
         self, a: float, x: wp.array, b: float, y: wp.array, out: wp.array | None = None
     ) -> None:
         inputs = [a, x, b, y, y if out is None else out]
-        wp.launch(self._axpby, self.n, inputs=inputs, device=self.device)
+        wp.launch(self._kernel(axpby), self.n, inputs=inputs, device=self.device)
 
     def scale(self, a: float, x: wp.array) -> None:
         self.axpby(a, x, 0.0, x)
@@ -299,7 +304,7 @@ class DeviceSpace(VectorSpace):
             partial = self._partial[row : row + rows]
             stack = stack.reshape((1, self.n)) if stack.ndim == 1 else stack
             inputs = [stack, self._weights, v, self._spans, self._size, partial]
-            self._reduce(self._sum, rows, inputs)
+            self._reduce(self._kernel(products), rows, inputs)
             row += rows
         self._fetch(count)
         if self._shared is None:
@@ -309,7 +314,7 @@ class DeviceSpace(VectorSpace):
 
     def lowest(self, x: wp.array, begin: int, end: int) -> float:
         span = -(-(end - begin) // self._blocks)
-        self._reduce(self._least, 1, [x, begin, end, span, self._partial])
+        self._reduce(self._kernel(least), 1, [x, begin, end, span, self._partial])
         self._fetch(1)
         return self._least_of_all(float(self._sums[0].min()))
 
@@ -333,4 +338,4 @@ class DeviceSpace(VectorSpace):
         self._staged[:count] = c
         wp.copy(self._coefficients, self._coefficients_host, count=max(count, 1))
         inputs = [scale, x, stack, self._coefficients, count, out]
-        wp.launch(self._combine, self.n, inputs=inputs, device=self.device)
+        wp.launch(self._kernel(combine_rows), self.n, inputs=inputs, device=self.device)
