@@ -28,6 +28,7 @@ from rich.table import Table
 sys.path.insert(0, str(Path(__file__).parent))
 
 from pages import TEXTS, render
+from resolution import PAGE, figures, read_table
 from sections import DATA, PAGES, ROOT, is_current, load, stamp
 
 
@@ -62,8 +63,8 @@ PARTS = {
     "resolution": Part(
         "results/resolution/README", "",
         ("-m swe_sphere sweep --recipe benchmarks/resolution.toml --out build/resolution",
-         "benchmarks/resolution.py benchmarks/resolution.toml build/resolution"
-         " docs/results/resolution"),
+         "benchmarks/resolution.py build/resolution"),
+        ("resolution",),
     ),
     "steps": Part(
         "results/steps", "1 hour",
@@ -117,7 +118,8 @@ def main(
     for name in () if only_pages else names or PARTS:
         for script in PARTS[name].scripts:
             _run(name, script)
-    for path, text in render().items():
+    drawn = {PAGE.with_name(name): text for name, text in figures(read_table()).items()}
+    for path, text in (render() | drawn).items():
         path.write_text(text, encoding="utf-8")
 
 

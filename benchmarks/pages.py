@@ -12,6 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import resolution
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from sections import DATA, PAGES, load, stamp_text
 
@@ -22,16 +23,17 @@ COMMANDS = {"verification": "verify", "stability": "stress"}
 
 
 def render() -> dict[Path, str]:
-    """Return the text of every page of `benchmarks/pages` by its file."""
+    """Return the text of every page of results by its file, without figures."""
     environment = Environment(
         loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, trim_blocks=True,
         keep_trailing_newline=True,
     )  # fmt: skip
     environment.globals.update(table=table, folded=folded, stamp=stamp, cases=cases, load=load)
     names = sorted(path.name.removesuffix(".md.j2") for path in TEMPLATES.glob("*.md.j2"))
-    return {
+    made = {
         PAGES / f"{name}.md": environment.get_template(f"{name}.md.j2").render() for name in names
     }
+    return made | {resolution.PAGE: resolution.stored_page()}
 
 
 def table(

@@ -1,18 +1,20 @@
 """The map along resolution: what each family of steppers costs over explicit ones on finer meshes.
 
-    swe-sphere sweep --recipe benchmarks/resolution.toml --out build/resolution
-    python benchmarks/resolution.py benchmarks/resolution.toml build/resolution PAGE_FOLDER
-        [--elsewhere SWEEPS_OF_ANOTHER_MACHINE] [--findings benchmarks/resolution_findings.md]
+    python -m swe_sphere sweep --recipe benchmarks/resolution.toml --out build/resolution
+    python benchmarks/resolution.py build/resolution
+    python -m benchmarks --pages
 
-The first command runs the sweeps of the recipe, and resumes them; benchmarks/resolution_quick.toml
-is a small one.  The second fits a power law of ne and the Froude number to the ratios of cost,
-which names the ne at which a family begins to pay, and writes the page with its figures.
+The first command runs the sweeps of the recipe, and resumes them.  The second one stores their
+cheapest steps in benchmarks/results/resolution.csv; rows of other places and machines remain.  The
+third one fits a power law of ne and the Froude number to the ratios of cost, which gives the ne at
+which a family begins to pay, and writes the page with its figures.  The page is about the machine
+with the most places; the ratios of the other machines follow at its end.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple, get_args
@@ -24,6 +26,7 @@ import xarray as xr
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib import style
 from matplotlib.figure import Figure
+from sections import DATA, PAGES
 from xarray import Dataset
 
 from swe_sphere.errors import ConfigError
@@ -36,45 +39,85 @@ from swe_sphere.studies.report.figures import INK, STYLE, finish, svg_text
 from swe_sphere.studies.report.page import slug, sweep_rankings
 from swe_sphere.studies.sweep.sweep_plan import Recipe, folder_of, load_recipe
 
+RECIPE = Path(__file__).with_suffix(".toml")
+FINDINGS = RECIPE.with_name("resolution_findings.md")
+"""What the measurement shows, and its limits, in Markdown."""
+TABLE = DATA / "resolution.csv"
+PAGE = PAGES / "resolution" / "README.md"
 BASES = {"explicit": "the best explicit step", "rk4": "`rk4`"}
 """What other families are compared with."""
-COLUMNS = ["series", "ne", "target", "family", "stepper", "dt", "cost", "froude", *BASES]
-"""Columns of the file steps.csv."""
 OTHERS = tuple(name for name in get_args(Family) if name not in BASES)
+MACHINE = ["machine", "cores"]
+PLACE = ["series", "ne", "target"]
+COLUMNS = [
+    *PLACE, "family", "stepper", "dt", "cost", "froude", "repeated", *MACHINE, "date",
+]  # fmt: skip
+"""Columns of the table.  series: scene, np and settings; froude: U/c, the largest wind over the
+speed of the fastest gravity waves; repeated: whether the step was timed more than once.  Cells of
+unknown values are empty; rows without a date are restored from numbers of two or three digits."""
 
 
-def best_steps(datasets: Mapping[str, Dataset]) -> pd.DataFrame:
-    """Return the cheapest step of each family to each target of sweeps, on each mesh.
+def best_steps(sweeps: Iterable[Dataset]) -> pd.DataFrame:
+    """Return the cheapest step of each family to each target of sweeps, on each mesh and machine.
 
-    Columns beside those of `read_runs`: family; target; series: scene, np and settings; group: the
-    same without settings of the scene, such as its wind; froude: U/c, the largest wind over the
-    speed of the fastest gravity waves; explicit and rk4: cost over that of the best explicit step
-    and of rk4, NaN where these miss the target; order: 1 on the finest mesh of a group, then 2.
-
-    Raises ConfigError where no timed run reaches a target, or an initial state has no wind or no
-    gravity waves.
+    Its columns are `COLUMNS`; steps of rk4 are also a family of their own.  Raises ConfigError
+    where no timed run reaches a target, or an initial state has no wind or no gravity waves.
     """
     found = [
-        ranking.reached(i).assign(target=target)
-        for ranking in sweep_rankings(datasets)
+        ranking.reached(i).assign(target=target, date=sweep.attrs["created"][:10],
+                                  **{name: sweep.attrs[name] for name in MACHINE})
+        for sweep in sweeps for ranking in sweep_rankings(sweep)
         for i, target in enumerate(ranking.targets)
-    ]
+    ]  # fmt: skip
     runs = pd.concat(found) if found else pd.DataFrame({"cost": []})
     if runs.empty:
         raise ConfigError("map: no timed run of these sweeps reaches a target-error")
     waves = runs["advective_limit"] / runs["gravity_limit"] - 1.0
     for name in runs.loc[~(np.isfinite(waves) & (waves > 0.0)), "scene"]:
         raise ConfigError(f"map: {name} begins without wind or without gravity waves")
-    mesh, place = runs["mesh"].str.replace(r"^ne\d+ ", "", regex=True), ["series", "ne", "target"]
+    mesh = runs["mesh"].str.replace(r"^ne\d+ ", "", regex=True)
     runs["series"] = (runs["scene"] + ", " + mesh + ", " + runs["settings"]).str.rstrip(", ")
-    runs["group"] = runs["series"].str.replace(r",? scene\.\S+", "", regex=True)
-    runs["froude"] = (1.0 / waves).groupby(runs["series"]).transform("median")
+    runs["froude"], runs["repeated"] = 1.0 / waves, runs["spread"].notna().astype("boolean")
     runs["family"] = runs["stepper"].map({name: kind.family for name, kind in STEPPERS.items()})
     runs = pd.concat([runs, runs[runs["stepper"] == "rk4"].assign(family="rk4")])
-    best = runs.sort_values(["froude", *place, "cost"], ascending=[True, True, True, False, True])
-    best = best.drop_duplicates([*place, "family"])
-    costs = best.pivot(index=place, columns="family", values="cost")
-    best = best.join(costs.reindex(columns=[*BASES]), on=place)
+    best = runs.sort_values("cost", kind="stable").drop_duplicates([*MACHINE, *PLACE, "family"])
+    return best[COLUMNS].reset_index(drop=True)
+
+
+def read_table() -> pd.DataFrame:
+    """Return the stored table."""
+    return pd.read_csv(TABLE, dtype={"repeated": "boolean"})
+
+
+def merged(table: pd.DataFrame, steps: pd.DataFrame) -> pd.DataFrame:
+    """Return a table with these steps instead of its steps at the same places on their machine."""
+    place = [*MACHINE, *PLACE]
+    replaced = table.set_index(place).index.isin(steps.set_index(place).index)
+    rows = pd.concat([table[~replaced], steps]) if not replaced.all() else steps
+    order = dict.fromkeys([*place, "cost"], True) | {"target": False}
+    return rows.sort_values([*order], ascending=[*order.values()], ignore_index=True)
+
+
+def by_machine(table: pd.DataFrame) -> list[pd.DataFrame]:
+    """Return the steps of each machine, beginning with the machine of the most places.
+
+    Further columns: group: series without settings of the scene, such as its wind; explicit and
+    rk4: cost over that of the best explicit step and of rk4, NaN where these miss the target;
+    order: 1 on the finest mesh of a group, then 2.
+    """
+    found = [_compared(steps) for _, steps in table.groupby(MACHINE)]
+    return sorted(found, key=lambda steps: -len(steps[PLACE[:2]].drop_duplicates()))
+
+
+def _compared(best: pd.DataFrame) -> pd.DataFrame:
+    """Return the steps of a machine with the columns of `by_machine`, slow winds first."""
+    froude = best.groupby("series")["froude"].transform("median")
+    group = best["series"].str.replace(r",? scene\.\S+", "", regex=True)
+    best = best.assign(froude=froude, group=group).sort_values(
+        ["froude", *PLACE, "cost"], ascending=[True, True, True, False, True]
+    )
+    costs = best.pivot(index=PLACE, columns="family", values="cost")
+    best = best.join(costs.reindex(columns=[*BASES]), on=PLACE)
     best[[*BASES]] = 1.0 / best[[*BASES]].div(best["cost"], axis=0)
     return best.assign(order=best.groupby("group")["ne"].rank("dense", ascending=False))
 
@@ -116,31 +159,17 @@ def fitted(places: pd.DataFrame, base: str) -> Law | None:
     return Law(float(np.exp(law[0])), float(law[1]), float(law[2]), float(scatter), len(places))
 
 
-def write_map(
-    datasets: Mapping[str, Dataset],
-    out: Path,
-    *,
-    recipe: Recipe,
-    elsewhere: Mapping[str, Dataset] | None = None,
-    findings: str = "",
-) -> Path:
-    """Write the page of a map, README.md, its figures (SVG) and steps.csv; return the page's path.
+def page(table: pd.DataFrame, recipe: Recipe, findings: str = "") -> str:
+    """Return the page of a map in Markdown.
 
-    elsewhere: sweeps on another machine, whose ratios are shown beside those of this one.
     findings: Markdown: what the measurement shows, and its limits.  Its first paragraph precedes
     the first table, the others follow.
-    Raises as `best_steps`.
     """
-    best = best_steps(datasets)
-    others = best[best["family"].isin(OTHERS)]
-    figures, files = {}, {}
-    for (group, target), of in others.groupby(["group", "target"], sort=False):
-        name = f"{slug(group)}-{words.level(target)}.svg"
-        figures[name] = f"{group}, error {words.level(target)}"
-        files[name] = svg_text(_figure(of), name)
+    best, *elsewhere = by_machine(table)
     fits: dict[str, dict[tuple[object, ...], Law]] = {"laws": {}, "checks": {}}
     for kind, base in product(fits, BASES):
-        meant = others[others["order"].between(1 if kind == "laws" else 2, 3)]
+        meant = best[best["order"].between(1 if kind == "laws" else 2, 3)]
+        meant = meant[meant["family"].isin(OTHERS)]
         for key, of in meant.groupby(["group", "target", "family"], sort=False):
             if (law := fitted(of, base)) is not None:
                 fits[kind][base, *key] = law
@@ -150,23 +179,29 @@ def write_map(
     )  # fmt: skip
     filters = in_table, words.number, words.level, words.seconds, words.step
     environment.filters |= {each.__name__: each for each in filters}
-    files["README.md"] = environment.get_template("resolution.md.j2").render(
-        recipe=recipe, figures=figures, **fits, best=best, bases=BASES, base="explicit",
-        families=OTHERS, attributes=[dataset.attrs for dataset in datasets.values()],
-        elsewhere=_other_machine(elsewhere), findings=findings.rstrip(),
+    return environment.get_template("resolution.md.j2").render(
+        recipe=recipe, figures={name: caption for name, caption, _ in _panels(best)}, **fits,
+        best=best, bases=BASES, base="explicit", families=OTHERS, elsewhere=elsewhere,
+        findings=findings.rstrip(),
     )  # fmt: skip
-    files["steps.csv"] = best[COLUMNS].to_csv(index=False, float_format="%.6g")
-    out.mkdir(parents=True, exist_ok=True)
-    for name, text in files.items():
-        (out / name).write_text(text, encoding="utf-8")
-    return out / "README.md"
 
 
-def _other_machine(datasets: Mapping[str, Dataset] | None) -> dict[str, object] | None:
-    if not datasets:
-        return None
-    attributes = next(iter(datasets.values())).attrs
-    return {key: attributes[key] for key in ("machine", "cores")} | {"best": best_steps(datasets)}
+def stored_page() -> str:
+    """Return the page of the stored table."""
+    return page(read_table(), load_recipe(str(RECIPE)), FINDINGS.read_text(encoding="utf-8"))
+
+
+def figures(table: pd.DataFrame) -> dict[str, str]:
+    """Return the figures (SVG) of the page by the names of their files."""
+    return {name: svg_text(_figure(of), name) for name, _, of in _panels(by_machine(table)[0])}
+
+
+def _panels(best: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
+    """Yield file, caption and steps of each figure."""
+    others = best[best["family"].isin(OTHERS)]
+    for (group, target), of in others.groupby(["group", "target"], sort=False):
+        level = words.level(target)
+        yield f"{slug(group)}-{level}.svg", f"{group}, error {level}", of
 
 
 def _figure(best: pd.DataFrame) -> Figure:
@@ -189,27 +224,12 @@ def _figure(best: pd.DataFrame) -> Figure:
     return figure
 
 
-def main(
-    recipe: str,
-    sweeps: Path,
-    out: Path,
-    elsewhere: Path | None = None,
-    findings: Path | None = None,
-) -> None:
-    """Write the map of the sweeps of a recipe, from the folder `sweeps` to the folder `out`.
-
-    elsewhere: folder of sweeps of the same recipe on another machine.
-    findings: Markdown file whose first paragraph precedes the first table; its others follow.
-    """
-    loaded = load_recipe(recipe)
-
-    def sweeps_in(folder: Path) -> dict[str, Dataset]:
-        places = [folder / folder_of(sweep) / "sweep.nc" for sweep in loaded.sweeps]
-        return {path.parent.name: xr.load_dataset(path) for path in places if path.exists()}
-
-    others = sweeps_in(elsewhere) if elsewhere else None
-    text = findings.read_text(encoding="utf-8") if findings else ""
-    typer.echo(write_map(sweeps_in(sweeps), out, recipe=loaded, elsewhere=others, findings=text))
+def main(sweeps: list[Path]) -> None:
+    """Store the cheapest steps of the recipe's sweeps in these folders."""
+    names = [folder_of(sweep) for sweep in load_recipe(str(RECIPE)).sweeps]
+    paths = [folder / name / "sweep.nc" for folder in sweeps for name in names]
+    steps = best_steps(xr.load_dataset(path) for path in paths if path.exists())
+    merged(read_table(), steps).to_csv(TABLE, index=False, float_format="%.6g")
 
 
 if __name__ == "__main__":

@@ -7,14 +7,14 @@ import pandas as pd
 import pytest
 import resolution
 import xarray as xr
-from resolution import best_steps, fitted, write_map
+from resolution import COLUMNS, best_steps, by_machine, fitted, merged, page, read_table
 from sweeps import make_sweep
 
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError
 from swe_sphere.studies import words
 from swe_sphere.studies.sweep.record import runs_of
-from swe_sphere.studies.sweep.sweep_plan import Recipe, load_recipe
+from swe_sphere.studies.sweep.sweep_plan import Recipe, folder_of, load_recipe
 
 RECIPE = """title = "a small map"
 steppers = ["rk4", "forward-backward", "bdf2"]
@@ -40,11 +40,14 @@ def place(speed: float, *runs: tuple[str, float, float, float], **others) -> xr.
          "gravity_limit": 300.0, "advective_limit": 300.0 * (1.0 + 240.0 / speed)} | others
         for stepper, dt, cost, error in runs
     ]  # fmt: skip
-    return make_sweep(*rows, plan='{"target_error": [1e-3], "target_kind": "slow"}')
+    return make_sweep(
+        *rows, plan='{"target_error": [1e-3], "target_kind": "slow"}',
+        created="2026-01-01T10:00:00", machine="here", cores=1,
+    )  # fmt: skip
 
 
 def mapped(*places: xr.Dataset) -> pd.DataFrame:
-    return best_steps({str(n): dataset for n, dataset in enumerate(places)})
+    return by_machine(best_steps(places))[0]
 
 
 def test_the_cheapest_step_of_each_family_is_compared_with_explicit_steps() -> None:
@@ -64,19 +67,18 @@ def law(ne: float, speed: float) -> float:
     return 12.0 / ne * (speed / 20.0) ** 0.5
 
 
-def power_law(*meshes: int) -> dict[str, xr.Dataset]:
+def power_law(*meshes: int, **attributes) -> list[xr.Dataset]:
     """Sweeps in two winds whose costs follow the law; "rk4" costs twice as much as "kg5"."""
-    return {
-        f"{ne}-{speed:g}": place(
+    return [
+        place(
             speed, ("kg5", 1.0, 10.0, 1e-5), ("rk4", 1.0, 20.0, 1e-5),
             ("bdf2", 9.0, 10.0 * law(ne, speed), 1e-5), ne=ne,
-        ).assign_attrs(created="2026-01-01", machine="here", cores=1)
-        for ne in meshes for speed in (20.0, 5.0)
-    }  # fmt: skip
+        ).assign_attrs(attributes) for ne in meshes for speed in (20.0, 5.0)
+    ]  # fmt: skip
 
 
 def test_the_rule_is_the_power_law_of_the_ratios() -> None:
-    best = best_steps(power_law(8, 16))
+    best = mapped(*power_law(8, 16))
     implicit = best[best["family"] == "implicit"]
     for base, over in (("explicit", 1.0), ("rk4", 0.5)):
         found = fitted(implicit, base)
@@ -87,40 +89,37 @@ def test_the_rule_is_the_power_law_of_the_ratios() -> None:
             assert found.even(speed / 240.0) == pytest.approx(240.0 * ratio)
     assert fitted(best[best["family"] == "explicit"], "explicit").even(0.1) == math.inf
     assert fitted(implicit[implicit["ne"] == 8], "explicit") is None
-    slow = fitted(implicit[implicit["settings"] == "scene.speed=5"], "explicit")
+    slow = fitted(implicit[implicit["series"] == "williamson5, np4, scene.speed=5"], "explicit")
     assert slow.even(5.0 / 240.0) == pytest.approx(6.0)
 
 
-def test_rules_are_fitted_to_three_meshes_and_checked_on_the_finest(tmp_path) -> None:
-    sweeps = power_law(8, 16, 32) | {"coarse": place(20.0, ("rk4", 1.0, 1.0, 1e-5),
-                                                     ("bdf2", 9.0, 99.0, 1e-5), ne=4)}  # fmt: skip
-    sweeps["coarse"].attrs |= {"created": "2026-01-02", "machine": "here", "cores": 1}
-    there, recipe = power_law(8), Recipe("a map", ({},) * 8)
-    for each in there.values():
-        each.attrs |= {"machine": "a far one", "cores": 7}
-    page = write_map(sweeps, tmp_path, recipe=recipe, elsewhere=there, findings="* Found.\n")
-    text = page.read_text()
+def test_rules_are_fitted_to_three_meshes_and_checked_on_the_finest() -> None:
+    coarse = place(20.0, ("rk4", 1.0, 1.0, 1e-5), ("bdf2", 9.0, 99.0, 1e-5), ne=4)
+    sweeps = [*power_law(8, 16, 32), coarse.assign_attrs(created="2026-01-02")]
+    there, third = power_law(8, machine="a far one", cores=7), power_law(16, machine="a third one")
+    table = best_steps([*there, *sweeps, *third])
+    text = page(table, Recipe("a map", ({},) * 8), "* Found.\n")
     row = re.search(r"^\| williamson5, np4, scene.speed=20 \| 32, explicit \|(.*)", text, re.M)
     assert [each.strip() for each in row[1].split("|")] == ["–", "–", "0.38 (0.38)", ""]
     assert "ne 12, 0.050, 0.012 |" in text and "ne 6.0, 0.025, 0.0059 |" in text
     assert "7 of the 8 sweeps of the recipe" in text and "\n* Found.\n" in text
-    beside = text.partition("on a far one, 7 cores")[2]
+    assert "measured on 2026-01-01, 2026-01-02 (here, 1 cores)." in text
+    assert "0 of the 21 steps that these ratios compare were timed once" in text
+    beside, third = text.partition("on a far one, 7 cores")[2].split("on a third one, 1 cores")
+    assert re.search(
+        r"^\| williamson5, np4, scene.speed=5 \| 16 \|.* 0.38 \(0.38\) \|$", third, re.M
+    )
     row = re.search(
         r"^\| williamson5, np4, scene.speed=20 \| 8 \|.*\| (\S+) \((\S+)\) \|$", beside, re.M
     )
     assert row[1] == row[2] == "1.5"
-    steps, best = pd.read_csv(tmp_path / "steps.csv"), best_steps(sweeps)
-    assert list(steps["stepper"]) == list(best["stepper"])
-    assert list(steps["cost"]) == pytest.approx(list(best["cost"]), rel=1e-5)
-    assert {path.name for path in tmp_path.glob("*.svg")} == {
-        *re.findall(r"!\[[^]]*\]\(([^)]*)\)", text)
-    }
+    assert {*resolution.figures(table)} == {*re.findall(r"!\[[^]]*\]\(([^)]*)\)", text)}
     rows = [line for line in text.splitlines() if line.startswith("|")]
     assert len(rows) > 20 and not [line for line in rows if not line.endswith("|")]
 
 
 def test_panels_of_a_figure_show_all_ratios() -> None:
-    best = best_steps(power_law(8, 16, 32))
+    best = mapped(*power_law(8, 16, 32))
     here = best[best["family"] == "implicit"]
     for axes in resolution._figure(here).axes:
         low, high = axes.get_ylim()
@@ -147,13 +146,62 @@ def test_sweeps_without_ratios_are_refused() -> None:
         mapped(place(20.0, ("rk4", 1.0, 1.0, 1e-4), advective_limit=math.inf))
 
 
+def test_merged_steps_replace_those_of_the_same_machine_and_place() -> None:
+    table = best_steps([*power_law(8, 16), *power_law(16, machine="a far one")])
+    again = place(20.0, ("kg5", 1.0, 30.0, 1e-5), ne=16, spread=math.nan)
+    both = merged(table, best_steps([again, *power_law(32)]))
+    assert len(table) == 18 and len(both) == 18 - 3 + 1 + 6
+    here = both[(both["ne"] == 16) & (both["machine"] == "here")]
+    here = here[here["series"] == "williamson5, np4, scene.speed=20"]
+    assert here[["stepper", "cost", "repeated"]].values.tolist() == [["kg5", 30.0, False]]
+    back = merged(both, table)
+    pd.testing.assert_frame_equal(
+        back[back["ne"] < 32].reset_index(drop=True), merged(table.head(0), table)
+    )
+
+
+def test_the_command_stores_the_steps_of_the_recipe(tmp_path) -> None:
+    sweeps = power_law(2, 3)
+    for values, dataset in zip(new_map(tmp_path).sweeps, sweeps, strict=True):
+        folder = tmp_path / "out" / folder_of(values)
+        folder.mkdir(parents=True)
+        dataset.to_netcdf(folder / "sweep.nc")
+    table = stored(tmp_path)
+    expected = merged(table.head(0), best_steps(sweeps))
+    pd.testing.assert_frame_equal(
+        table, expected, check_dtype=False, check_column_type=False, rtol=1e-5
+    )
+    pd.testing.assert_frame_equal(table, stored(tmp_path))
+
+
+def test_the_figures_of_the_page_are_those_of_the_stored_table() -> None:
+    """Their text depends on the version of matplotlib."""
+    files = {path.name for path in resolution.PAGE.parent.glob("*.svg")}
+    assert files == {*resolution.figures(read_table())}
+
+
 # --- a small map
+
+
+def new_map(folder) -> Recipe:
+    (folder / "small.toml").write_text(RECIPE)
+    (folder / "map.csv").write_text(",".join(COLUMNS) + "\n")
+    return load_recipe(str(folder / "small.toml"))
+
+
+def stored(folder) -> pd.DataFrame:
+    """The table map.csv after the command has stored the sweeps in the folder `out`."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(resolution, "RECIPE", folder / "small.toml")
+        patch.setattr(resolution, "TABLE", folder / "map.csv")
+        resolution.main([folder / "out"])
+        return read_table()
 
 
 @pytest.fixture(scope="module")
 def small_map(tmp_path_factory):
     folder = tmp_path_factory.mktemp("map")
-    (folder / "small.toml").write_text(RECIPE)
+    new_map(folder)
     sweep(folder)
     return folder
 
@@ -163,7 +211,6 @@ def sweep(folder, *more: str) -> None:
         main(["sweep", "--recipe", str(folder / "small.toml"), "--out", str(folder / "out"),
               "--quiet", *more])  # fmt: skip
     assert end.value.code == 0
-    resolution.main(str(folder / "small.toml"), folder / "out", folder / "map")
 
 
 @pytest.mark.thorough
@@ -186,27 +233,27 @@ def test_every_target_is_searched_for_and_timed(small_map) -> None:
 
 @pytest.mark.thorough
 def test_the_page_tells_the_numbers_of_the_map_and_nothing_is_run_again(small_map) -> None:
-    page = (small_map / "map" / "README.md").read_text()
+    best = stored(small_map)
+    text = page(best, load_recipe(str(small_map / "small.toml")))
     runs = sorted((small_map / "out").glob("*/runs/*"))
     sweep(small_map)
     assert sorted((small_map / "out").glob("*/runs/*")) == runs
-    assert page.startswith("# a small map\n")
-    pictures = re.findall(r"!\[[^]]*\]\(([^)]*)\)", page)
-    assert set(pictures) == {path.name for path in (small_map / "map").glob("*.svg")}
+    pd.testing.assert_frame_equal(stored(small_map), best)
+    assert text.startswith("# a small map\n")
+    pictures = re.findall(r"!\[[^]]*\]\(([^)]*)\)", text)
+    assert {*pictures} == {*resolution.figures(best)}
     assert len(pictures) == 2
-    datasets = {path.parent.name: xr.load_dataset(path) for path in small_map.rglob("sweep.nc")}
-    best = best_steps(datasets)
     assert best["froude"].max() == pytest.approx(4.0 * best["froude"].min(), rel=0.05)
     assert best["froude"].max() == pytest.approx(20.0 / 241.8, rel=0.02)
     for run in best[best["family"] == "explicit"].itertuples():
-        assert f"`{run.stepper}` {words.step(run.dt)}, {words.seconds(run.cost)}" in page
-    for table in re.findall(r"(?:^\|.*\n)+", page, re.MULTILINE):
+        assert f"`{run.stepper}` {words.step(run.dt)}, {words.seconds(run.cost)}" in text
+    for table in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE):
         assert len({line.count("|") for line in table.splitlines()}) == 1
 
 
 def test_maps_that_cannot_be_drawn_are_refused(tmp_path) -> None:
     with pytest.raises(ConfigError, match="no timed run"):
-        write_map({}, tmp_path, recipe=Recipe("none", ()))
+        best_steps([])
     path = tmp_path / "mine.toml"
     path.write_text(RECIPE)
     assert len(load_recipe(str(path)).plans({})) == 4
