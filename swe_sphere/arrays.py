@@ -1,4 +1,4 @@
-"""Types of numpy arrays."""
+"""Types of numpy arrays, and the inverse of a permutation."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,3 +6,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Int32 = NDArray[np.int32]
+
+
+def inverse_permutation(order: NDArray[np.integer]) -> Int32:
+    """Return the place (n,) of each number 0 to n - 1 in `order`."""
+    places = np.empty(order.size, dtype=np.int32)
+    places[order] = np.arange(order.size, dtype=np.int32)
+    return places

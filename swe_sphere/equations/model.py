@@ -238,7 +238,7 @@ class Model(DiscreteScene):
 
     def _radius(self, component: str, state: wp.array) -> float:
         operator = self.right_hand_side(component, fluid_only=True).at_start
-        return spectral_radius(self, state, operator, component)
+        return spectral_radius(self, state, operator)
 
     def penalise(self, x: wp.array, tau: float, out: wp.array, start: wp.array) -> None:
         """Set the wind of `out` to that of `start` plus tau [s] times the edge penalty at x."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.discrete_scene import DiscreteScene
-from swe_sphere.equations.right_hand_side import Operator, acting
+from swe_sphere.equations.right_hand_side import Operator
 from swe_sphere.errors import ConfigError
 from swe_sphere.ranks.limits import one_thread
 
@@ -35,17 +35,13 @@ class Spectrum:
     """Part of `wave` due to the wind, and largest Coriolis parameter, for limits that use them."""
 
 
-def spectral_radius(
-    model: DiscreteScene, state: wp.array, operator: Operator, component: str = "conservative"
-) -> float:
+def spectral_radius(model: DiscreteScene, state: wp.array, operator: Operator) -> float:
     """Return the largest modulus of eigenvalues [s-1] of an operator's derivative, to about 1 %.
 
-    operator: function F of wind and depth, part of that component of the right-hand side. Arnoldi
-    iteration uses products with the derivative at `state`: [F(u+d) - F(u-d)]/2, which is exact
-    for a d of any size if F is quadratic. Raises ConfigError if the tendency is not finite.
+    operator: function F of wind and depth. Arnoldi iteration uses products with the derivative at
+    `state`, F(u+d) - F(u) for small d. Raises ConfigError if the tendency is not finite.
     """
-    quadratic = all(effect.degree in (0, 1, 2) for effect in acting(model.scene, component))
-    product = _scaled_product(model, state, operator, quadratic)
+    product = _scaled_product(model, state, operator)
     start = np.random.default_rng(0).standard_normal(len(model.fluid) * model.mesh.size)
     with np.errstate(over="ignore", invalid="ignore"):
         found = largest_modulus(product, start, TOLERANCE)
@@ -111,9 +107,7 @@ def _hessenberg(product: Product, basis: NDArray[np.float32]) -> Array:
     return small
 
 
-def _scaled_product(
-    model: DiscreteScene, state: wp.array, operator: Operator, quadratic: bool
-) -> Product:
+def _scaled_product(model: DiscreteScene, state: wp.array, operator: Operator) -> Product:
     """Return the function d -> J d, with depth scaled to the size of the wind in gravity waves.
 
     The scaled depth is h sqrt(g/H), H the mean depth. Each of several ranks computes its own nodes
@@ -127,22 +121,20 @@ def _scaled_product(
         factor = float(np.sqrt(mean / model.scene.planet.gravity))
     largest = max(np.abs(base[: -mesh.size]).max(initial=0.0), np.abs(base[heights]).max() / factor)
     size = mesh.comm.of_each(largest).max() or 1.0
-    size *= 1.0 if quadratic else np.cbrt(np.finfo(mesh.numpy_real).eps)
-    moved, plus, minus = (model.zeros(model.fluid_size) for _ in range(3))
-    shift, room = np.empty(base.size), np.empty(base.size)
-
-    def tendency(combine: np.ufunc, out: wp.array) -> None:
-        moved.assign(combine(base, shift, out=room))
-        operator(moved, out)  # always the same array, which recorded launches keep
+    size *= np.sqrt(np.finfo(mesh.numpy_real).eps)
+    moved, rates, room = model.zeros(base.size), model.zeros(base.size), np.empty(base.size)
+    moved.assign(base)
+    operator(moved, rates)  # always the same arrays, which recorded launches keep
+    of_base = rates.numpy().astype(np.float64)
 
     def product(d: NDArray[np.floating]) -> Array:
         step = size / max(float(d.max()), -float(d.min()), np.finfo(float).tiny)
-        np.multiply(mesh.restrict(d), step, out=shift, dtype=np.float64)
-        shift[heights] *= factor
-        tendency(np.add, plus)
-        tendency(np.subtract, minus)
-        np.subtract(plus.numpy(), minus.numpy(), out=room, dtype=np.float64)
+        np.multiply(mesh.restrict(d), step, out=room, dtype=np.float64)
+        room[heights] *= factor
+        moved.assign(np.add(room, base, out=room))
+        operator(moved, rates)
+        np.subtract(rates.numpy(), of_base, out=room)
         room[heights] /= factor
-        return mesh.collect(np.divide(room, 2.0 * step, out=room))
+        return mesh.collect(np.divide(room, step, out=room))
 
     return product

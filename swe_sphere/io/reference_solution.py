@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from swe_sphere.arrays import Array
+from swe_sphere.arrays import Array, inverse_permutation
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.fingerprints import SCENE_FILE
@@ -46,7 +46,7 @@ def latitude_weights(lat: Array, bounds: Array | None = None) -> Array:
     sines = np.sin(lat[order])
     if not np.allclose(sines, nodes, rtol=0.0, atol=1e-6):
         weights = np.diff(0.5 * (sines[1:] + sines[:-1]), prepend=-1.0, append=1.0)
-    return weights[np.argsort(order)] / 2.0
+    return weights[inverse_permutation(order)] / 2.0
 
 
 class Reference(Source):

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swe_sphere.arrays import Array, Int32, Integers
+from swe_sphere.arrays import Array, Int32, Integers, inverse_permutation
 from swe_sphere.mesh.sphere import frame, position
 
 FACES: Integers = np.array(
@@ -69,12 +69,12 @@ def build_cube(ne: int, points: Array) -> tuple[Int32, Array, Array]:
     cube = line[triples]
     distance = np.sqrt(np.sum(cube**2, axis=-1))
     xyz = cube / distance[..., None]
-    tangents = np.empty((2, *nodes.shape, 3))
+    radius, outward, tangents = distance[nodes], xyz[nodes], np.empty((2, *nodes.shape, 3))
     for a, coordinate in enumerate(along):
         slope = 1.0 + line[coordinate] ** 2  # d tan(alpha)/d alpha
         dcube = slope[..., None] * axes[..., 1 + a, :]
-        radial = np.sum(xyz[nodes] * dcube, axis=-1, keepdims=True)
-        tangents[a] = (dcube - xyz[nodes] * radial) / distance[nodes][..., None]
+        radial = np.sum(outward * dcube, axis=-1, keepdims=True)
+        tangents[a] = (dcube - outward * radial) / radius[..., None]
     tangents *= 0.25 * np.pi / ne  # d alpha / d xi
     return nodes, xyz, tangents
 
@@ -99,8 +99,7 @@ def _number_nodes(
     element, point = np.divmod(earliest, code.shape[-1] ** 2)
     block, lane = np.divmod(element, BLOCK)
     order = np.lexsort((lane, point, block, np.minimum(met, 3)))
-    number = np.empty(order.size, dtype=np.int32)
-    number[order] = np.arange(order.size, dtype=np.int32)
+    number = inverse_permutation(order)
     return number[inverse].reshape(code.shape), triples.reshape(-1, 3)[earliest[order]]
 
 

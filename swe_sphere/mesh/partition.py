@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from swe_sphere.arrays import Integers
+from swe_sphere.arrays import Integers, inverse_permutation
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh.cubed_sphere import BLOCK, FACES
 from swe_sphere.mesh.mesh import Mesh
@@ -161,7 +161,7 @@ class Partition:
         chunks, per_chunk = pieces(mesh.ne)
         self._mesh, self._points = mesh, mesh.np**2
         self._order = curve(mesh.ne) if order is None else order
-        along = np.argsort(self._order)
+        along = inverse_permutation(self._order)
         self._bounds = np.arange(size + 1) * chunks // size
         """(size + 1,) first chunk of each rank."""
         self._rank_of_chunk = np.repeat(np.arange(size), np.diff(self._bounds))
@@ -179,7 +179,8 @@ class Partition:
         """(N,) 0 inside an element, 1 on an edge, 2 at a vertex."""
         in_blocks = order is not None or per_chunk % BLOCK == 0
         block, lane = np.divmod(first_element, BLOCK if in_blocks else 1)
-        self._place = np.argsort(np.lexsort((lane, first_point, block, self._kind)))
+        order_of_nodes = np.lexsort((lane, first_point, block, self._kind))
+        self._place = inverse_permutation(order_of_nodes)
         """(N,) place of each node in an order like that of the mesh, but along the curve."""
         ranks = self._rank[element]
         lowest, highest = (f.reduceat(ranks, offsets) for f in (np.minimum, np.maximum))
@@ -198,7 +199,7 @@ class Partition:
         chunk = self._owner[nodes]
         turn = np.where(self._rank_of_chunk[chunk] == rank, self._late[chunk], 2)
         order = np.lexsort((self._place[nodes], turn, self._kind[nodes]))
-        nodes, node_of = nodes[order], np.argsort(order).astype(np.int32)[inverse]
+        nodes, node_of = nodes[order], inverse_permutation(order)[inverse]
         contributors, sends, receives = self._messages(rank, elements, nodes)
         away = int(np.sum(self._lateness[elements] == 0))
         return Part(

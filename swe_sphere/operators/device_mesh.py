@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.arrays import Array
+from swe_sphere.arrays import Array, inverse_permutation
 from swe_sphere.errors import ConfigError, NotCopyable
 from swe_sphere.kernels.define import REGISTER_BYTES, Register, lanes_of, specialise
 from swe_sphere.kernels.element import work_bytes
@@ -412,8 +412,11 @@ class DeviceMesh(NotCopyable):
         """Return fields (..., k N) of the whole mesh at the nodes of this rank: (..., k n)."""
         if self.part.is_mesh:
             return values
-        fields = values.reshape(-1, self.mesh.size)[:, self.part.nodes]
-        return fields.reshape(*values.shape[:-1], -1)
+        fields = values.reshape(-1, self.mesh.size)
+        here = np.empty((len(fields), self.size), values.dtype)
+        for field, out in zip(fields, here, strict=True):
+            np.take(field, self.part.nodes, out=out, mode="clip")  # 4 times as fast as "raise"
+        return here.reshape(*values.shape[:-1], -1)
 
     def collect(self, vector: wp.array | NDArray[Any]) -> NDArray[Any]:
         """Return fields (..., k n) of all ranks on the host as those of the whole mesh (..., k N).
@@ -426,9 +429,10 @@ class DeviceMesh(NotCopyable):
         fields = values.reshape(-1, self.size)
         joined = np.empty((len(fields), self.mesh.size), values.dtype)
         room = np.empty(self.mesh.size, values.dtype)
-        counts, nodes = self._owners
-        for field, mine in zip(joined, fields, strict=True):
-            field[nodes] = self.comm.gather(mine[self.part.owned], counts, room)
+        counts, places = self._owners
+        for field, out in zip(fields, joined, strict=True):
+            gathered = self.comm.gather(field[self.part.owned], counts, room)
+            np.take(gathered, places, out=out, mode="clip")
         return joined.reshape(*values.shape[:-1], -1)
 
     def matches(self, values: NDArray[Any], vector: wp.array) -> bool:
@@ -438,6 +442,6 @@ class DeviceMesh(NotCopyable):
 
     @functools.cached_property
     def _owners(self) -> tuple[list[int], NDArray[Any]]:
-        """Number of nodes that each rank owns, and the nodes of all ranks, one after the other."""
+        """Number of nodes that each rank owns, and the place (N,) of each node behind another."""
         numbers = self.comm.tell_all(self.part.nodes[self.part.owned])
-        return [each.size for each in numbers], np.concatenate(numbers)
+        return [each.size for each in numbers], inverse_permutation(np.concatenate(numbers))

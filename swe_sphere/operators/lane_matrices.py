@@ -26,22 +26,19 @@ def _grouped(
     A group has one register for each column with an entry in the group. If `shifted`, columns are
     counted from the lane of the row, so that a diagonal of the group is one column.
     """
-    (rows, columns), lanes = matrix.shape, mesh.lanes
-    numbers = np.repeat(np.arange(rows, dtype=np.int32), np.diff(matrix.indptr))
-    group, lane = np.divmod(numbers, lanes)
-    behind = lanes - 1 if shifted else 0
-    width = columns + behind
-    place = group * np.int64(width)
-    place += matrix.indices + behind
+    (rows, columns), lanes, offsets = matrix.shape, mesh.lanes, matrix.indptr
+    numbers, behind = matrix.indices, lanes - 1 if shifted else 0
     if shifted:
-        place -= lane
-    del group, numbers  # entries are many, and memory use peaks during set-up
-    places, slot = np.unique(place, return_inverse=True)
-    values = np.zeros((max(places.size, 1), lanes), mesh.numpy_real)
-    values[slot, lane] = matrix.data
-    starts = np.searchsorted(places, np.arange(-(-rows // lanes) + 1) * width)
-    starts = wp.array(starts, dtype=wp.int32, device=mesh.device)
-    return starts, places % width - behind, mesh.registers(values)
+        lane = np.arange(rows, dtype=np.int32) % lanes
+        numbers = numbers + np.repeat(behind - lane, np.diff(offsets))
+    ends = np.append(offsets, np.full(-rows % lanes, offsets[-1]))
+    shape = ends.size - 1, columns + behind
+    blocks = scipy.sparse.csr_array((matrix.data, numbers, ends), shape).tobsr((lanes, 1))
+    blocks.sort_indices()
+    values = np.zeros((max(blocks.indices.size, 1), lanes))
+    values[: blocks.indices.size] = blocks.data[..., 0]
+    starts = wp.array(blocks.indptr, dtype=wp.int32, device=mesh.device)
+    return starts, blocks.indices - behind, mesh.registers(values)
 
 
 class SlicedMatrix:

@@ -30,7 +30,9 @@ class ElementSpace:
     numbers: NDArray[np.int32]
     """(E, k) numbers of the functions; -1 for an omitted one."""
 
-    def matrix(self, rows: NDArray[np.int32], values: Array) -> scipy.sparse.coo_array:
+    def matrix(
+        self, rows: NDArray[np.int32], values: NDArray[np.floating]
+    ) -> scipy.sparse.coo_array:
         """Return the matrix of function values (E, np*np, k) in rows (E, np*np); duplicates add."""
         shape = (*rows.shape, self.numbers.shape[1])
         values = np.broadcast_to(values, shape)
@@ -52,15 +54,16 @@ def gradient(mesh: Mesh) -> scipy.sparse.csr_matrix:
 
 
 def slopes(mesh: Mesh, space: ElementSpace) -> scipy.sparse.csr_matrix:
-    """Return (2N, V) [m-1]: gradients of the functions, without the large matrix on the nodes."""
-    rows = mesh.nodes.reshape(mesh.elements, -1)
-    b = mesh.quadrature[..., None, None] * mesh.basis
-    b = b.reshape(mesh.elements, -1, 1, 2, 2)
-    line_1, line_2 = _lines(mesh)
-    along_1, along_2 = line_1 @ space.values, line_2 @ space.values
-    east = space.matrix(rows, b[..., 1, 1] * along_1 - b[..., 0, 1] * along_2).tocsr()
-    north = space.matrix(rows, b[..., 0, 0] * along_2 - b[..., 1, 0] * along_1).tocsr()
-    return scipy.sparse.vstack([_over_area(mesh, east), _over_area(mesh, north)], format="csr")
+    """Return (2N, V) [m-1], in float32: gradients of the functions."""
+    rows, (along_1, along_2) = mesh.nodes.reshape(mesh.elements, -1), _lines(mesh) @ space.values
+    east, north = np.empty((2, *rows.shape, space.values.shape[1]), np.float32)
+    for part in _parts(mesh):
+        b = mesh.quadrature[..., None, None] * mesh.basis[part]
+        b = b.reshape(-1, rows.shape[1], 1, 2, 2)
+        east[part] = b[..., 1, 1] * along_1 - b[..., 0, 1] * along_2
+        north[part] = b[..., 0, 0] * along_2 - b[..., 1, 0] * along_1
+    both = (_over_area(mesh, space.matrix(rows, each).tocsr()) for each in (east, north))
+    return scipy.sparse.vstack([*both], format="csr")
 
 
 def divergence(mesh: Mesh) -> scipy.sparse.csr_matrix:
@@ -84,13 +87,18 @@ def stiffness(
     numbers = mesh.nodes.reshape(mesh.elements, -1)
     if space is not None:
         lines, numbers = lines @ space.values, space.numbers
-    parts = [slice(e, e + PART) for e in range(0, mesh.elements, PART)]
-    blocks = np.concatenate([_stiffness_of(mesh, coefficient, lines, part) for part in parts])
+    parts = [_stiffness_of(mesh, coefficient, lines, part) for part in _parts(mesh)]
+    blocks = np.concatenate(parts)
     rows = np.broadcast_to(numbers[:, :, None], blocks.shape)
     columns = np.broadcast_to(numbers[:, None, :], blocks.shape)
     index = (rows.ravel(), columns.ravel())
     size = int(numbers.max()) + 1
     return scipy.sparse.coo_array((blocks.ravel(), index), (size, size)).tocsr()
+
+
+def _parts(mesh: Mesh) -> list[slice]:
+    """Return slices of elements whose arrays stay in the caches."""
+    return [slice(e, e + PART) for e in range(0, mesh.elements, PART)]
 
 
 def _stiffness_of(mesh: Mesh, coefficient: Array, lines: Array, part: slice) -> Array:
@@ -125,7 +133,7 @@ def _derivatives(mesh: Mesh, along_1: Array, along_2: Array) -> scipy.sparse.csr
 
 def _over_area(mesh: Mesh, matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
     """Return the matrix after dividing its rows by the nodal areas in place."""
-    matrix.data *= np.repeat(1.0 / mesh.area, np.diff(matrix.indptr))
+    matrix.data *= np.repeat((1.0 / mesh.area).astype(matrix.dtype), np.diff(matrix.indptr))
     return matrix
 
 

@@ -284,7 +284,7 @@ class CoarseCorrection:
         area = scipy.sparse.diags_array(mesh.area)
         bases = [interpolation(mesh, space) for space in spaces]
         self._mass, *masses = [(basis.T @ (area @ basis)).tocsr() for basis in bases]
-        slopes = [sparse.slopes(mesh, space).astype(np.float32) for space in spaces[1:]]
+        slopes = [sparse.slopes(mesh, space) for space in spaces[1:]]
         self._modes = list(zip(masses, slopes, strict=True))
         self._longest = longest_waves(mesh, bases[0])
         count, (smooth, few) = sum(basis.shape[1] for basis in bases), self._longest.shape
@@ -375,7 +375,9 @@ def longest_waves(mesh: Mesh, smooth: scipy.sparse.csr_array) -> scipy.sparse.cs
     per_edge = np.sqrt((smooth.shape[1] - 2) / 6.0)
     ne = max(1, round(per_edge / SPACING))
     coarse = Mesh.build(ne, 3, mesh.radius, mesh.stretch, mesh.centre, mesh.spin)
-    at = smooth.tocsc().argmax(axis=0)
+    entries, at = smooth.tocoo(), np.empty(smooth.shape[1], dtype=np.int64)
+    own = np.isclose(entries.data, 1.0)
+    at[entries.col[own]] = entries.row[own]
     return Interpolator(coarse, mesh.lon[at], mesh.lat[at]).matrix
 
 
