@@ -413,9 +413,7 @@ class DeviceMesh(NotCopyable):
         if self.part.is_mesh:
             return values
         fields = values.reshape(-1, self.mesh.size)
-        here = np.empty((len(fields), self.size), values.dtype)
-        for field, out in zip(fields, here, strict=True):
-            np.take(field, self.part.nodes, out=out, mode="clip")  # 4 times as fast as "raise"
+        here = np.take(fields, self.part.nodes, axis=1, mode="clip")  # faster than an index
         return here.reshape(*values.shape[:-1], -1)
 
     def collect(self, vector: wp.array | NDArray[Any]) -> NDArray[Any]:
