@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import warp as wp
 
@@ -22,6 +23,7 @@ from swe_sphere.kernels import specialise
 from swe_sphere.kernels.simd.memory import pack, unpack
 from swe_sphere.kernels.vectors import axpby, combine_rows, least, products
 from swe_sphere.operators.device_mesh import REALS
+from swe_sphere.operators.launch import Launcher
 
 VIRTUAL = 80
 """Architecture of the PTX, which newer GPUs also accept."""
@@ -50,14 +52,22 @@ def kernels_of(scene: str, stepper: str, precision: str, **options: Any) -> dict
     The function runs some steps on the CPU with the kernels for GPUs.  The kernels of vector
     operations, which differ on GPUs, are not included: see `vector_kernels`.
     """
-    sim = Simulation(
-        scene=scene, stepper=stepper, precision=precision, launch="node", ne=2, days=1.0, **options
-    )
-    sim.begin()
-    with suppress(RunFailed):  # all have been loaded
-        for _ in range(STEPS):
-            sim.stepper.step()
-    return dict(sim.model.launch.kernels)
+    found: dict[str, wp.Kernel] = {}
+    load = Launcher.load
+
+    def keep(launcher: Launcher, *kernels: wp.Kernel) -> None:
+        found.update({kernel.module.name: kernel for kernel in kernels})
+        load(launcher, *kernels)
+
+    with patch.object(Launcher, "load", keep):
+        sim = Simulation(
+            scene, stepper=stepper, precision=precision, launch="node", ne=2, days=1.0, **options
+        )
+        sim.begin()
+        with suppress(RunFailed):  # all have been loaded
+            for _ in range(STEPS):
+                sim.stepper.step()
+    return found
 
 
 def vector_kernels() -> dict[str, wp.Kernel]:

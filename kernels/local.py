@@ -73,8 +73,7 @@ def field_kernel(t: KernelTypes, formula: Formula, finish: Finish = None) -> Any
     """Return the kernel (begin, geometry, a, x, first, count, out, done) of a formula.
 
     The kernel handles the groups of elements from `begin` on, and `count` fields of x from the
-    offset `first` on; only `finish` uses `done`. The shape "node" launches (E, count, np*np)
-    threads.
+    offset `first` on; only `finish` uses `done`. Shape "node" has (E, count, np*np) threads.
     """
     by_node, (load_winds, sweep) = t.shape == "node", _sweep(t, formula, finish, shared=True)
 

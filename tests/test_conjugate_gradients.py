@@ -230,3 +230,17 @@ def test_an_iteration_takes_one_sum_over_all_ranks() -> None:
     b, x = wp.array(random(), dtype=wp.float64, device="cpu"), space.zeros()
     result = ConjugateGradients(space).solve(operator(matrix.__matmul__), b, x, rtol=1e-8)
     assert result.iterations > 20 and len(sums) <= result.iterations + 3
+
+
+@pytest.mark.parametrize("limit", [60, 300])
+def test_the_limit_of_iterations_is_named_although_the_residual_has_risen(limit: int) -> None:
+    matrix = sp.diags_array(np.logspace(0.0, 8.0, 400))
+    space = VectorSpace(np.ones(400), real=wp.float64)
+    b, x = wp.array(np.ones(400), dtype=wp.float64), space.zeros()
+
+    def apply(v: wp.array, out: wp.array) -> None:
+        np.copyto(out.numpy(), matrix @ v.numpy())
+
+    result = ConjugateGradients(space).solve(apply, b, x, None, 1e-10, max_iterations=limit)
+    assert result.residual > result.history[0]
+    assert result.status is Status.STAGNATED and result.message.startswith("out of iterations")

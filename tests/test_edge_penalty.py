@@ -292,7 +292,7 @@ def test_steps_of_any_length_damp(name):
 @pytest.mark.parametrize(
     ("scene", "effects", "said"),
     [
-        ("splash", {"edge-penalty.c": 0.01}, "at rest initially: set edge-penalty.speed"),
+        ("splash", {"edge-penalty.c": 0.01}, "is zero: set edge-penalty.speed"),
         ("williamson1", {"edge-penalty.c": 0.01}, "prescribed wind has no jumps"),
         ("williamson2", {"edge-penalty.c": -1.0}, "edge-penalty.c must be"),
         ("williamson2", {"edge-penalty.c": 1e4}, "times what steps of .* s allow"),

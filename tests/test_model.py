@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from support import make_scene, random_state, tendency
 
-from swe_sphere.equations.effects import Viscosity
+from swe_sphere.equations.effects import Tracers, Viscosity
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.right_hand_side import RightHandSide
 from swe_sphere.errors import ConfigError
@@ -20,6 +20,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.operators import Launcher
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.planet import EARTH
+from swe_sphere.solvers.gravity_waves import explicit_spectrum
 from swe_sphere.testcases import get_scene
 
 FULL = ("advection", "pressure", "rotation", "orography", "viscosity", "hyperviscosity")
@@ -255,3 +256,46 @@ def test_tracers_that_diffuse_have_no_stages() -> None:
     model = Model(Mesh.build(2, 4), scene)
     with pytest.raises(ConfigError, match="viscosity of tracers cannot be added in stages"):
         model.right_hand_side(stage=(model.zeros(), 60.0))
+
+
+def test_tracers_that_the_scene_lacks_are_refused(small_mesh) -> None:
+    model = Model(small_mesh, make_scene("advection", "pressure"))
+    ones = np.ones(small_mesh.size)
+    with pytest.raises(ValueError, match="has no tracers dust"):
+        model.state_from(ones, ones, ones, dust=ones)
+
+
+def test_spectra_count_no_evaluations(small_mesh) -> None:
+    model = Model(small_mesh, get_scene("williamson2"))
+    model.spectrum(state := model.initial_state())
+    explicit_spectrum(model, state)
+    assert model.counters["rhs_evaluations"] == 0
+
+
+def test_a_held_rate_needs_no_edge_penalty(small_mesh) -> None:
+    model = Model(small_mesh, get_scene("williamson2"))
+    held = model.zeros(2 * small_mesh.size)
+    assert model.unpenalised(held).held is held and model.unpenalised() is model
+
+
+def dry_at_a_pole(limiter: bool):
+    return replace(
+        make_scene("wind"),
+        effects=(*make_scene("wind").effects, Tracers(limiter=limiter)),
+        initial=lambda lon, lat: (0.0 * lat, 0.0 * lat, np.maximum(np.sin(lat), 0.0)),
+        tracers={"dust": lambda lon, lat: 1.0},
+    )
+
+
+@pytest.mark.filterwarnings("error")
+def test_without_depth_there_is_no_mixing_ratio(small_mesh) -> None:
+    model = Model(small_mesh, dry_at_a_pole(False))
+    ratio = model.fields(model.initial_state())["q_dust"]
+    assert (
+        np.isnan(ratio[small_mesh.lat < 0.0]).all() and (ratio[small_mesh.lat > 0.0] == 1.0).all()
+    )
+
+
+def test_a_limiter_needs_a_positive_depth(small_mesh) -> None:
+    with pytest.raises(ConfigError, match=r"tracers\.limiter needs a positive depth"):
+        Model(small_mesh, dry_at_a_pole(True)).tracers.limiter()

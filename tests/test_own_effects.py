@@ -16,18 +16,25 @@ from test_generated_code import code_of
 
 from swe_sphere.cli.main import main
 from swe_sphere.equations.effects import (
+    DYNAMICS,
+    MASSES,
     Drag,
     EdgePenalty,
     PointwiseEffect,
     Relaxation,
+    Rotation,
+    Tracers,
     Viscosity,
 )
 from swe_sphere.equations.model import Model
+from swe_sphere.equations.right_hand_side import compiling_formulas
 from swe_sphere.equations.scene import apply_settings
 from swe_sphere.errors import ConfigError
+from swe_sphere.kernels.pointwise import PointTerm, Pointwise
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.restart import run_sources
 from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.solvers.preconditioners import make_preconditioner
 from swe_sphere.testcases import get_scene
 
 MESH = Mesh.build(2, 4)
@@ -503,3 +510,122 @@ def test_an_exact_solution_without_an_effect_is_none_with_it() -> None:
     assert slow.with_effect(Drag(2e-6)).exact is None
     summary = Simulation("williamson2", ne=2, effects={"drag.linear": 1e-6}).run(days=0.05)
     assert summary["l2_h"] is None
+
+
+@dataclass(frozen=True)
+class Bed(PointwiseEffect):
+    """Does nothing, but reads the bottom of its scene."""
+
+    name = "bed"
+    needs = "bottom"
+    conserves = MASSES
+    dissipation = True
+    rate: float = 0.0
+
+    @staticmethod
+    def wind_tendency(c, i, u, v, h):
+        return c.rate * c.bottom[i] * u, c.rate * c.bottom[i] * v
+
+    @staticmethod
+    def wind_derivative(c, i, u, v, h, du, dv, dh):
+        return c.rate * c.bottom[i] * du, c.rate * c.bottom[i] * dv
+
+
+@dataclass(frozen=True)
+class Turn(Bed):
+    """The same for the Coriolis parameter."""
+
+    name = "turn"
+    needs = "coriolis"
+
+    @staticmethod
+    def wind_tendency(c, i, u, v, h):
+        return c.rate * c.coriolis[i] * u, c.rate * c.coriolis[i] * v
+
+    @staticmethod
+    def wind_derivative(c, i, u, v, h, du, dv, dh):
+        return c.rate * c.coriolis[i] * du, c.rate * c.coriolis[i] * dv
+
+
+@pytest.mark.parametrize("effect", [Bed(), Turn()], ids=["bottom", "coriolis"])
+@pytest.mark.parametrize("stepper", ["average-vector-field", "semi-implicit", "tr-bdf2"])
+def test_a_function_that_an_effect_reads_is_not_an_effect_of_its_own(effect, stepper) -> None:
+    size = 100.0 if effect.needs == "bottom" else 1e-4
+    scene = replace(
+        make_scene("advection", "pressure"),
+        effects=(*DYNAMICS, effect),
+        initial=lambda lon, lat: (10.0 * np.cos(lat), 0.0 * lon, 1000.0),
+        **{effect.needs: lambda lon, lat: size * np.sin(lat)},
+    )
+    without = replace(scene, effects=DYNAMICS, **{effect.needs: None})
+    runs = [Simulation(each, ne=2, np=4, stepper=stepper, dt=600.0) for each in (scene, without)]
+    for sim in runs:
+        for _ in range(3):
+            sim.step()
+    with_it, plain = (sim.state.u.values for sim in runs)
+    assert np.abs(with_it - plain).max() < 1e-5
+
+
+def test_diffusion_of_tracers_ignores_a_bottom_without_gravity_over_it() -> None:
+    scene = replace(
+        make_scene("advection", "pressure", "rotation"),
+        effects=(*DYNAMICS, Rotation(), Bed(), Viscosity(nu=1e6), Tracers()),
+        bottom=lambda lon, lat: 300.0 * np.cos(3.0 * lon + lat),
+        tracers={"one": lambda lon, lat: 1.0},
+    )
+    sim = Simulation(scene, ne=2, np=4, stepper="rk4", dt=300.0)
+    for _ in range(5):
+        sim.step()
+    assert np.abs(sim.state.q_one.values - 1.0).max() < 1e-13
+
+
+def test_preconditioners_use_the_damping_of_a_custom_effect() -> None:
+    model = Model(MESH, replace(make_scene("advection", "pressure"),
+                                effects=(*DYNAMICS, Damper())))  # fmt: skip
+    assert make_preconditioner("helmholtz", model).operator.damping is not None
+    plain = Model(MESH, make_scene("advection", "pressure"))
+    assert make_preconditioner("helmholtz", plain).operator.damping is None
+
+
+@dataclass(frozen=True)
+class Damper(PointwiseEffect):
+    """Drag of a fixed rate, with its damping."""
+
+    name = "damper"
+    conserves = MASSES
+    dissipation = True
+    rate: float = 1e-3
+
+    def damping(self, mesh, squares):
+        return self.rate + 0.0 * squares
+
+    @staticmethod
+    def wind_tendency(c, i, u, v, h):
+        return -c.rate * u, -c.rate * v
+
+    @staticmethod
+    def wind_derivative(c, i, u, v, h, du, dv, dh):
+        return -c.rate * du, -c.rate * dv
+
+
+@pytest.mark.parametrize("error", [MemoryError(), ConfigError("a kernel is damaged")])
+def test_other_errors_are_not_blamed_on_formulas(error) -> None:
+    point = Pointwise(terms=(PointTerm("drag"),))
+    with pytest.raises(ConfigError) as caught, compiling_formulas(make_scene(), point):
+        raise error
+    assert ("damaged" if isinstance(error, ConfigError) else "MemoryError") in str(caught.value)
+
+
+def test_an_exact_solution_ends_with_the_effect_that_it_contains() -> None:
+    plain = replace(make_scene("advection", "pressure"),
+                    exact=lambda lon, lat, t: (0.0 * lon, 0.0 * lon, 1000.0))  # fmt: skip
+    damped = replace(plain, effects=(*DYNAMICS, Drag(linear=1e-5), Viscosity(nu=1e4)))
+    assert damped.with_effect(Drag()).exact is None
+    assert damped.without_effect("drag").exact is None
+    assert damped.without_effect("viscosity").exact is not None
+    assert plain.with_effect(Drag()) is plain
+
+
+def test_text_is_no_coefficient() -> None:
+    with pytest.raises(ConfigError, match="must be finite and not negative, got a"):
+        Viscosity(nu="a")

@@ -94,8 +94,7 @@ def mix(
 ):  # fmt: skip
     """Set out = x + sum_k w_k (levels_k - x) with first <= k < last, over runs of nodes.
 
-    The runs start at node `begin`, and fields are `size` apart. `out` must differ from the other
-    arrays.
+    The runs start at node `begin`, and fields are `size` apart. `out` must be another array.
     """
     node = begin + lanes * wp.tid()
     for f in range(fields):

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from swe_sphere.arrays import Array
 from swe_sphere.equations.effects import EdgePenalty, Effect, PointwiseEffect
 from swe_sphere.equations.scene import Scene, fitted, is_finite
 from swe_sphere.errors import ConfigError, NotCopyable, shown
@@ -36,6 +37,8 @@ class DiscreteScene(NotCopyable):
         shape = shape or ("element" if device == "cpu" else "node")
         if shape not in ("element", "node"):
             raise ConfigError(f"launch must be element or node, got {shape!r}")
+        if shape == "element" and device != "cpu":
+            raise ConfigError("launch=element is for CPUs: leave launch out")
         self.mesh, self.scene, self.comm = mesh, scene, comm
         self.device, self.shape, self.precision = device, shape, precision
         self.device_mesh = DeviceMesh(mesh, device, REALS[precision], shape, comm)
@@ -49,7 +52,7 @@ class DiscreteScene(NotCopyable):
             np.zeros(mesh.size) if field is None else field(mesh.lon, mesh.lat)
             for field in (scene.bottom, scene.coriolis)
         )
-        self.parameters = parameters = _parameters(scene, self.device_mesh)
+        self.parameters = parameters = _parameters(scene, self.device_mesh, self.bottom)
         """Coefficients and fields of the effects, on the device."""
         self.wind, self.forcing = (
             PrescribedFields(self.device_mesh, formula, parameters.get(name), blocks, steady)
@@ -77,8 +80,8 @@ class DiscreteScene(NotCopyable):
         speed = self.strongest_wind if effect.speed is None else effect.speed
         if speed == 0.0:
             raise ConfigError(
-                f"{self.scene.name}: the fluid is at rest initially: set edge-penalty.speed to the"
-                " wind speed [m s-1] expected later"
+                f"{self.scene.name}: the initial wind or edge-penalty.speed is zero: set"
+                " edge-penalty.speed to the wind speed [m s-1] expected later"
             )
         return EdgePenaltyOperator(self.device_mesh, effect.strength(mesh, speed))
 
@@ -92,7 +95,7 @@ class DiscreteScene(NotCopyable):
     def growth_time(self) -> float:
         """Approximate time [s] in which computational modes grow tenfold; infinite if none grow.
 
-        The strongest wind goes around the planet in this time; below Ω a / 12 growth is slower.
+        The strongest wind circles the planet in this time; below Ω a / 12, modes grow more slowly.
         """
         radius, speed = self.mesh.radius, self.strongest_wind
         damped = any(effect.dissipation for effect in self.scene.effects)
@@ -107,7 +110,7 @@ class DiscreteScene(NotCopyable):
         self.forcing.set_time(t)
 
 
-def _parameters(scene: Scene, on: DeviceMesh) -> dict[str, Any]:
+def _parameters(scene: Scene, on: DeviceMesh, bottom: Array) -> dict[str, Any]:
     """Return the coefficients and fields of the effects by their names in the kernels."""
     mesh, size = on.mesh, on.size
     parameters: dict[str, Any] = {"gravity": scene.planet.gravity}
@@ -115,7 +118,6 @@ def _parameters(scene: Scene, on: DeviceMesh) -> dict[str, Any]:
         # Bottoms are measured from the mean surface of the initial state, exact in float32.
         # Gradients do not change, but h + b is then a small number that keeps all digits of a
         # float32: a lake at rest stays at rest bit for bit.
-        bottom = scene.bottom(mesh.lon, mesh.lat)
         surface = scene.initial(mesh.lon, mesh.lat)[2] + bottom
         level = float(np.float32(np.average(surface, weights=mesh.area)))
         parameters["bottom"] = on.scatter(bottom - level)

@@ -33,14 +33,14 @@ class Effect:
     """The name used on the command line and in files."""
 
     needs: ClassVar[str | None] = None
-    """Function of the `Scene` that this effect, and only this effect, requires."""
+    """Function of the `Scene` that this effect requires; other effects may require it too."""
 
     terms: ClassVar[frozenset[str]] = frozenset()
-    """Flags of `swe_sphere.kernels.Terms` (with derivatives) and `Pointwise` that the effect
-    enables: in the dissipative component if it damps, otherwise in the conservative one."""
+    """Flags of `swe_sphere.kernels.Terms` (with derivatives) or `Pointwise`, or "edge-penalty",
+    with its own operator; in the dissipative component if the effect damps, else conservative."""
 
     everywhere: ClassVar[frozenset[str]] = frozenset()
-    """Flags that the effect sets in all components: they define the fields of the kernels."""
+    """Flags set in all components, because they determine which arrays the kernels read."""
 
     constant: ClassVar[bool] = False
     """True if the rate of change is the same for all states, so that its derivative is zero."""
@@ -64,7 +64,7 @@ class Effect:
     """True if the effect damps: any scene may add it; leapfrog evaluates it at the past level."""
 
     strengths: ClassVar[tuple[str, ...]] = ()
-    """Parameters that must be finite and not negative; the effect vanishes if one is zero."""
+    """Parameters that must be finite and >= 0; by default the effect is `absent` if one is zero."""
 
     def __new__(cls, *_: object, **__: object) -> Self:
         """Raise ConfigError for a class without a name, or with parameters but no `@dataclass`."""
@@ -79,7 +79,8 @@ class Effect:
     def __post_init__(self) -> None:
         for name in self.strengths:
             value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value >= 0.0):
+            known = isinstance(value, int | float | np.floating) and 0.0 <= value < math.inf
+            if value is not None and not known:
                 label = f"{self.name}.{name}"
                 raise ConfigError(f"{label} must be finite and not negative, got {value}")
 
@@ -100,7 +101,7 @@ class Effect:
     def damping(self, mesh: Mesh, squares: Array) -> Array | float:
         """Return the rate [s-1] at which the effect damps waves; squares: k^2 [m-2] of each wave.
 
-        Preconditioners of implicit steps use only this rate of an effect.
+        Only the preconditioners `helmholtz` and `helmholtz-direct` use this rate.
         """
         return 0.0
 
@@ -112,7 +113,7 @@ class Effect:
 
 @dataclass(frozen=True)
 class MomentumAdvection(Effect):
-    """-ζ k×v - ∇|v|²/2: the wind carries itself (vector-invariant form)."""
+    """-ζ k×v - ∇|v|²/2: the wind carries itself (vector-invariant form) and the depth."""
 
     name = "momentum-advection"
     terms = frozenset({"advection"})
@@ -201,7 +202,7 @@ class LinearisedDynamics(Effect):
 
 @dataclass(frozen=True)
 class Viscosity(Effect):
-    """ν ∇² with the coefficient `nu` [m2 s-1] on the prognostic fields.
+    """ν ∇² with `nu` [m2 s-1] on the wind, the surface height h + b, and q (h + b) of tracers.
 
     Raises ConfigError if `nu` is negative or not finite.
     """
@@ -223,7 +224,7 @@ class Viscosity(Effect):
 
 @dataclass(frozen=True)
 class Hyperviscosity(Effect):
-    """-ν ∇⁴ with one coefficient for the whole mesh.
+    """-ν ∇⁴ on the fields of `Viscosity`, with one coefficient for the whole mesh.
 
     Args:
         nu: coefficient [m4 s-1]; None, on the command line "default": `factor` times
@@ -292,7 +293,7 @@ class EdgePenalty(Effect):
 def penalty_default(np: int) -> float:
     """Return the default strength of the edge penalty for np nodes along the edge of an element.
 
-    The largest damping rate is then 4 to 6 % of the largest rate of gravity waves at every np.
+    In winds of a quarter of the wave speed, its largest rate is 4 to 6 % of that of gravity waves.
     """
     return 0.16 / np**2
 
@@ -330,8 +331,7 @@ class PointwiseEffect(Effect):
     If one is missing, all products with the Jacobian are differences of right-hand sides.
 
     `conserves` states whether the total mass is conserved: `MASSES` if it is; with the default the
-    effect may change it. `dissipation` states whether leapfrog schemes must evaluate the effect at
-    the past level.
+    effect may change it. `dissipation` states whether leapfrog evaluates it at the past level.
     """
 
     conserves = frozenset({"tracers"})

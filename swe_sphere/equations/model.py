@@ -38,9 +38,9 @@ class Model(DiscreteScene):
     A state is a flat Warp array: N eastward winds, N northward winds [m s-1] and N depths [m], or
     the depths alone if the wind is prescribed; then the masses hq [m] of tracers, N of each. Nodes
     are in the order of `device_mesh`; `state_from` and `fields` use the order of the mesh. device:
-    a device of Warp. precision: "float64" or "float32". shape: launch shape of the kernels,
-    "element" (one thread per group of elements, the default on a CPU) or "node" (one per node).
-    comm: the ranks that share the mesh; by default there is only one.
+    a device of Warp. precision: "float64" or "float32". shape: launch shape of kernels over
+    elements, "element" (one thread per group of elements, the default on a CPU) or "node" (one per
+    element node). comm: the ranks that share the mesh; by default there is only one.
 
     Raises ConfigError for an unknown device, precision or launch shape.
     """
@@ -109,7 +109,7 @@ class Model(DiscreteScene):
     def without(self, left_out: Callable[[Effect], bool], held: wp.array | None = None) -> "Model":
         """Return the model without the effects for which `left_out` is true; arrays are shared."""
         effects = tuple(effect for effect in self.scene.effects if not left_out(effect))
-        if len(effects) == len(self.scene.effects):
+        if len(effects) == len(self.scene.effects) and held is None:
             return self
         scene = replace(self.scene, effects=effects)
         held = self.held if held is None else held
@@ -136,9 +136,12 @@ class Model(DiscreteScene):
         """Return a state from winds [m s-1], depth [m] and mixing ratios by name, each (N,).
 
         Tracers that are not passed get the initial values of the scene. Raises ValueError for
-        arrays of another size.
+        arrays that do not broadcast to (N,).
         """
-        ratios = mixing_ratios(self.scene, self.mesh) | tracers
+        initial = mixing_ratios(self.scene, self.mesh)
+        if unknown := tracers.keys() - initial.keys():
+            raise ValueError(f"{self.scene.name} has no tracers {', '.join(sorted(unknown))}")
+        ratios = initial | tracers
         masses = {f"hq_{name}": h * q for name, q in ratios.items()}
         values = {"u": u, "v": v, "h": h} | masses | dict.fromkeys(MassFlux.names, np.zeros(1))
         blocks = [np.broadcast_to(values[name], self.mesh.size) for name in self.names]
@@ -151,9 +154,11 @@ class Model(DiscreteScene):
         depth of the base in linearised dynamics) is not positive.
         """
         scene, mesh = self.scene, self.mesh
+        u, v, h = scene.initial(mesh.lon, mesh.lat)
         if scene.effect("pressure-gradient") is not None:
-            name = "initial" if scene.base is None else "base"
-            depth = getattr(scene, name)(mesh.lon, mesh.lat)[2]
+            name, depth = "initial", h
+            if scene.base is not None:
+                name, depth = "base", scene.base(mesh.lon, mesh.lat)[2]
             node = int(np.argmin(depth))
             if not depth[node] > LEAST_DEPTH:
                 lon, lat = np.degrees((mesh.lon[node], mesh.lat[node]))
@@ -162,7 +167,6 @@ class Model(DiscreteScene):
                     f" {lon:.4g}°, latitude {lat:.4g}°; make the fluid deeper or the bottom lower:"
                     " every depth must be positive"
                 )
-        u, v, h = scene.initial(mesh.lon, mesh.lat)
         if not h.any():
             raise ConfigError(f"{scene.name}: the initial depth is zero everywhere: make it deeper")
         return self.state_from(u, v, h)
@@ -177,10 +181,9 @@ class Model(DiscreteScene):
         if self.scene.wind:
             u, v = self.scene.wind(self.mesh.lon, self.mesh.lat, t)
             fields = {"u": u, "v": v} | fields
-        ratios = {
-            f"q_{name}": fields[f"hq_{name}"] / fields["h"] for name in self.scene.tracers or ()
-        }
-        return fields | ratios
+        names = self.scene.tracers or ()
+        with np.errstate(divide="ignore", invalid="ignore"):  # a depth of zero has no mixing ratio
+            return fields | {f"q_{name}": fields[f"hq_{name}"] / fields["h"] for name in names}
 
     def right_hand_side(
         self, component: str = "all", *, stage: tuple[wp.array, float] | None = None,

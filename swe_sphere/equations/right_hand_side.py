@@ -50,6 +50,7 @@ class Component(NamedTuple):
 
 
 STILL = frozenset({"still"})
+"""Flag of components in which a prescribed wind does not carry the depth."""
 COMPONENTS: Mapping[str, Component] = {
     "all": Component(lambda effect: True, "rhs_evaluations"),
     "conservative": Component(lambda effect: not effect.dissipation, "rhs_evaluations"),
@@ -62,9 +63,8 @@ COMPONENTS: Mapping[str, Component] = {
 }
 """The components by name.
 
-"all" is the sum of "conservative" and "dissipative". Parts of "dissipative" are "diffusive", the
-viscosity and the hyperviscosity, and "penalising", the edge penalty. "tangent" is the derivative of
-"all" at a base along a direction.
+"all" is the sum of "conservative" and "dissipative". Parts of "dissipative" are "diffusive"
+(viscosity, hyperviscosity) and "penalising" (edge penalty). "tangent" is the derivative of "all".
 """
 
 
@@ -169,7 +169,7 @@ def element_terms(scene: Scene, component: str) -> Terms:
 def pointwise_terms(scene: Scene, component: str, parameters: Mapping[str, Any]) -> Pointwise:
     """Return the terms without derivatives, which the assembly kernel adds at each node.
 
-    parameters: the coefficients of each effect, by its name.
+    parameters: those of the model; `parameters["effects"]` holds coefficients by effect.
     """
     flags = _flags(scene, component)
     tangent = "tangent" in flags
@@ -220,10 +220,12 @@ def compiling_formulas(scene: Scene, point: Pointwise) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        if not point.terms:
+        if not point.terms or isinstance(error, ConfigError):
             raise
         names = ", ".join(term.name for term in point.terms)
-        *_, cause = str(error).strip("'").replace("\\n", "\n").splitlines()
+        text = str(error) or type(error).__name__
+        text = text[1:-1] if text[0] == text[-1] == "'" else text
+        cause = text.replace("\\n", "\n").splitlines()[-1]
         places = re.findall(r'function "\w+" at (.*?):(\d+)', str(error))
         where = "".join(f" ({Path(file).name}, line {line})" for file, line in places[-1:])
         raise ConfigError(

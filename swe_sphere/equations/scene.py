@@ -99,9 +99,9 @@ class Scene:
     planet: Planet = EARTH
     exact: UnsteadyState | None = None
     bottom: Scalar | None = None
-    """Height of the bottom [m]; set if and only if the scene has orography."""
+    """Height of the bottom [m]; set if and only if an effect needs it."""
     coriolis: Scalar | None = None
-    """Coriolis parameter [s-1], only with rotation; None: that of the planet, 2 Ω sin θ."""
+    """Coriolis parameter [s-1], only if an effect needs it; None: 2 Ω sin θ of the planet."""
     wind: Wind | None = None
     """Prescribed wind; set if and only if the wind is prescribed."""
     steady_wind: bool = False
@@ -113,7 +113,7 @@ class Scene:
     base: State | None = None
     """Flow about which the dynamics are linearised; set if and only if they are."""
     equilibrium: Scalar | None = None
-    """Depth h_eq [m] to which the depth relaxes; set if and only if the scene has relaxation."""
+    """Depth h_eq [m] to which the depth relaxes; set if and only if an effect needs it."""
     tracers: Mapping[str, Scalar] | None = None
     """Initial mixing ratios by name, in any unit; set if and only if the scene has tracers."""
     exact_tracers: UnsteadyTracers | None = None
@@ -158,8 +158,8 @@ class Scene:
         """Return the scene with the effect added; it replaces an effect of the same name.
 
         An effect that vanishes (a viscosity of zero) is removed instead. Without an equilibrium,
-        the depth relaxes to its initial values. A new pointwise effect (drag, relaxation, custom
-        effects) removes the exact solution; diffusion counts as an error of the discretisation.
+        the depth relaxes to its initial values. A new or changed pointwise effect (drag,
+        relaxation, custom) removes the exact solution; diffusion counts as a discretisation error.
 
         Raises ConfigError if `effect` is not an effect.
         """
@@ -167,7 +167,7 @@ class Scene:
             return replace(self, effects=(*self.effects, effect))  # raises a ConfigError
         kept = tuple(e for e in self.effects if e.name != effect.name)
         if effect.absent:
-            return self._with_only(kept, effect)
+            return self.without_effect(effect.name) if self.effect(effect.name) else self
         changes: dict[str, Any] = {"effects": (*kept, effect)}
         if len(kept) < len(self.effects):
             changes["effects"] = tuple(effect if e.name == effect.name else e for e in self.effects)
@@ -178,27 +178,23 @@ class Scene:
         return replace(self, **changes)
 
     def without_effect(self, name: str) -> Self:
-        """Return the scene without the effect of that name and the function that it needs.
+        """Return the scene without the effect of that name and the function that only it needs.
 
-        The exact solution is removed too, unless the effect is dissipation or tracers. Raises
-        ConfigError if the scene does not have the effect.
+        The exact solution is removed too, unless the effect is tracers, diffusion or the edge
+        penalty. Raises ConfigError if the scene does not have the effect.
         """
         effect = self.effect(name)
         if effect is None:
             raise self.lacks(name)
-        changes: dict[str, Any] = {}
-        if name == "tracers":
-            changes = {"exact_tracers": None}
-        elif not effect.dissipation:
-            changes = {"exact": None, "exact_tracers": None}
         kept = tuple(e for e in self.effects if e.name != name)
-        return self._with_only(kept, effect, **changes)
-
-    def _with_only(self, kept: tuple[Effect, ...], removed: Effect, **changes: Any) -> Self:
-        """Return the scene with these effects, without the function that only `removed` needs."""
-        if removed.needs and all(effect.needs != removed.needs for effect in kept):
-            changes |= {removed.needs: None}
-        return replace(self, effects=kept, **changes)
+        changes: dict[str, Any] = {"effects": kept}
+        if effect.needs and all(e.needs != effect.needs for e in kept):
+            changes[effect.needs] = None
+        if name == "tracers":
+            changes["exact_tracers"] = None
+        elif isinstance(effect, PointwiseEffect) or not effect.dissipation:
+            changes |= {"exact": None, "exact_tracers": None}
+        return replace(self, **changes)
 
     def lacks(self, name: str) -> ConfigError:
         """Return the error for an effect that the scene does not have."""
@@ -400,7 +396,7 @@ class _Function:
 
     It returns float64 arrays of the broadcast shape of lon and lat; numbers and smaller arrays are
     broadcast. Raises ConfigError, with the names of scene and field, for a function that fails and
-    for anything but finite real numbers of that shape.
+    for anything but real numbers of modulus below 1e30 of that shape.
     """
 
     label: str
@@ -453,7 +449,7 @@ class _Function:
 def fitted(label: str, original: Any, lon: Array, lat: Array, may_be_nan: bool = False) -> Array:
     """Return the values as a float64 array of the shape of lon and lat.
 
-    Raises ConfigError for anything but finite real numbers that broadcast to that shape.
+    Raises ConfigError for values that are not numbers below 1e30 in modulus or do not broadcast.
     """
     values = np.asanyarray(original)
     if values.dtype.kind not in "fiub":  # real numbers, or booleans that stand for 0 and 1

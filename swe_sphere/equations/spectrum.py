@@ -32,7 +32,7 @@ class Spectrum:
     dissipation: float = 0.0
     wind: float = 0.0
     turning: float = 0.0
-    """Part of `wave` due to the wind, and largest Coriolis parameter, for limits that use them."""
+    """Part of `wave` due to the wind, and the largest Coriolis parameter, both [s-1]."""
 
 
 def spectral_radius(model: DiscreteScene, state: wp.array, operator: Operator) -> float:
@@ -57,9 +57,9 @@ def spectral_radius(model: DiscreteScene, state: wp.array, operator: Operator) -
 def largest_modulus(product: Product, start: Array, tolerance: float) -> float:
     """Return the modulus of the largest eigenvalue, to a relative tolerance if `CYCLES` suffice.
 
-    Arnoldi iteration from `start` (n,), restarted from the largest Ritz vector, in float32: its
-    rounding is far below useful tolerances. If a product is not finite, neither is the result. All
-    ranks call this function together, each with the whole of `start` and of the products.
+    Arnoldi iteration in float32, whose rounding is far below useful tolerances, from `start` (n,);
+    it restarts from the real part of the Ritz vector of the largest Ritz value. The result is not
+    finite if a product is not. All ranks call this together, with the whole `start` and products.
     """
     basis = np.zeros((BASIS + 1, start.size), np.float32)
     with one_thread():  # the split of sums depends on the number of threads

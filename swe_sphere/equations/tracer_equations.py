@@ -83,10 +83,13 @@ class TracerEquations:
 
     def limiter(self) -> Limiter | None:
         """Return a limiter to the range of initial mixing ratios; None if the scene has none."""
-        mesh, effect = self._model.mesh, self._model.scene.effect("tracers")
+        scene, mesh = self._model.scene, self._model.mesh
+        effect = scene.effect("tracers")
         if not (isinstance(effect, Tracers) and effect.limiter):
             return None
-        ratios = np.stack([*mixing_ratios(self._model.scene, mesh).values()])
+        if not scene.initial(mesh.lon, mesh.lat)[2].min() > 0.0:
+            raise ConfigError(f"{scene.name}: tracers.limiter needs a positive depth everywhere")
+        ratios = np.stack([*mixing_ratios(scene, mesh).values()])
         bounds = ratios.min(axis=1), ratios.max(axis=1)
         return Limiter(self._model.device_mesh, self.depth, self.first, *bounds)
 
@@ -105,7 +108,7 @@ class _Diffusion:
         self._kernel, self._tangent_kernel = kernels
         self._dim, self._first, self._size = (count, mesh.size), tracers.first, mesh.size
         self._offsets = (tracers.depth, tracers.first, mesh.size)
-        has_bottom = model.scene.bottom is not None
+        has_bottom = model.scene.effect("orography") is not None
         self._bottom = mesh.scatter(model.bottom) if has_bottom else None
         self._raised, self._rate = (model.zeros(count * mesh.size) for _ in range(2))
         diffusion, biharmonic = terms.diffusion, terms.biharmonic

@@ -12,8 +12,7 @@ bits.
 In Zarr stores (zarr-specs.readthedocs.io, version 2) each frame of each variable is one chunk. The
 consolidated metadata, a single file that is replaced atomically, contain the length of every
 variable. They are written last, so that a reader finds a frame of all variables or of none. The
-lengths in the metadata of single arrays may be ahead after a failed write, and nothing here reads
-them.
+lengths in the metadata of single arrays may be ahead after a failed write, and are not read.
 """
 
 import json
@@ -99,8 +98,7 @@ class GrowingOutput:
 class GrowingFile(GrowingOutput):
     """A netCDF classic file.
 
-    size: bytes to which the file must be able to grow. The methods raise OSError as the system
-    does.
+    size: bytes to which the file must be able to grow. The methods raise OSError.
     """
 
     def __init__(self, place: Path, size: int) -> None:

@@ -85,8 +85,8 @@ def _number_nodes(
     """Number the nodes at face lattice coordinates: first inside elements, then edges, vertices.
 
     Returns the node numbers (E, np, np) and the lattice triples (N, 3) in {0..last}^3 of the nodes.
-    With the kinds separate, the processor can predict how many contributors DSS adds at a node;
-    within a kind, sorting by block, point and element keeps those of an element near in memory.
+    Separate kinds let the processor predict how many contributors DSS adds at a node. In a kind,
+    sorting by block, point and element keeps the nodes of an element near each other in memory.
     """
     normal, one, two = np.moveaxis(axes, -2, 0)
     # twice the coordinates, counted from the centre of the cube, are integers too

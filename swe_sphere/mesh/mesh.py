@@ -15,6 +15,8 @@ from swe_sphere.planet import EARTH
 
 LARGEST_STRETCH = 100.0
 """Largest stretch; beyond it almost no nodes remain on the side away from the centre."""
+MOST_ERROR = 0.1
+"""Largest relative error of the area of the sphere."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -169,7 +171,7 @@ def check_settings(
         ne, np = operator.index(ne), operator.index(np)
         lon, lat = map(float, centre)
         radius, stretch, spin = map(float, (radius, stretch, spin))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ConfigError(f"a mesh needs numbers, whole ones for ne and np, got {given}") from None
     if ne < 1:
         raise ConfigError(f"ne={ne}: a cube edge must have at least one element")
@@ -204,6 +206,12 @@ def _assemble(ne: int, np_: int, radius: float, placement: Placement) -> Mesh:
     local = jacobian * weights[:, None] * weights
     flat = nodes.ravel()
     area = np.bincount(flat, weights=local.ravel()).astype(np.float64)
+    share = area.sum() / (4.0 * math.pi * radius**2)
+    if abs(share - 1.0) > MOST_ERROR:
+        raise ConfigError(
+            f"stretch={placement.stretch:g}, ne={ne}, np={np_}: the areas of the nodes are"
+            f" {share:.2g} of the sphere: take a larger ne or a smaller stretch"
+        )
     offsets = np.concatenate(([0], np.cumsum(np.bincount(flat)))).astype(np.int32)
     entries = np.argsort(flat, kind="stable").astype(np.int32)
     return Mesh(

@@ -67,7 +67,7 @@ def _hilbert(x: Integers, y: Integers, side: int) -> Integers:
 
 
 CHUNKS = 512
-"""Approximate number of chunks of a mesh, which are assigned to ranks and summed one by one."""
+"""Largest number of chunks of a mesh below ne 74; ranks own chunks and sum them one by one."""
 MOST = 4 * BLOCK
 """Largest number of elements of a chunk: meshes from ne 74 on have more than CHUNKS chunks."""
 
@@ -77,7 +77,7 @@ class Part:
     """Elements and nodes of one rank, both numbered from zero on the rank.
 
     A node on the rim, where elements of several ranks meet, belongs to the parts of all these
-    ranks. Each sums all contributors in the order of the whole mesh and so computes the same bits.
+    ranks. Each of these ranks sums all contributors in the mesh's order, and so gets the same bits.
     """
 
     elements: Integers
@@ -242,7 +242,7 @@ class Partition:
 
 
 def dissection_order(mesh: Mesh) -> Integers:
-    """Return the nodes (N,) of two halves of the sphere, then those between, halved recursively.
+    """Return an order (N,) of the nodes: halves of the sphere, each recursively, then the rest.
 
     The factors of a matrix that couples only nodes of the same element then have N log N entries
     instead of N^1.5 (George 1973, SIAM J. Numer. Anal. 10, 345-363).

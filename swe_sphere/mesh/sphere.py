@@ -54,11 +54,11 @@ RIM = 8
 def global_spline(
     lat: Array, lon: Array, field: Array, degree: int, sign: float = 1.0
 ) -> Callable[[Array, Array], Array]:
-    """Return the spline through a field (M, K), a function of longitude and latitude [rad].
+    """Return a function (longitude, latitude) [rad] that evaluates the spline of a field (M, K).
 
-    lat (M,) [rad], in any order; lon (K,) [rad], evenly spaced over 2 pi, K even. Beyond a pole
-    the field continues along the opposite meridian, where east and north point the other way: sign
-    is -1 for the components of a vector.
+    lat (M,) [rad], in any order; lon (K,) [rad], ascending, evenly spaced over 2 pi, K even. Beyond
+    a pole the field continues along the opposite meridian, where east and north point the other
+    way: sign is -1 for the components of a vector.
     """
     from scipy.interpolate import RectBivariateSpline
 

@@ -34,9 +34,9 @@ LEAST_AWAY = 32
 
 @dataclass(frozen=True)
 class Field:
-    """Values at the nodes of each element, or local results there before DSS.
+    """Values at the nodes of each element, local results there before DSS, or a coarse vector.
 
-    `values` (groups + 1, np*np, unknowns) are SIMD registers; `flat` is the same memory as numbers.
+    `values` (groups + 1, np*np, unknowns) or (registers,): SIMD registers; `flat`: their numbers.
     """
 
     values: wp.array
@@ -90,7 +90,7 @@ class DeviceMesh(NotCopyable):
         return kernel_types(self.mesh.np, self.real, self.shape, **options)
 
     def threads(self, *fields: int) -> int | tuple[int, ...]:
-        """Return the threads of a launch over the element nodes, and over `fields` if given."""
+        """Return the threads of a launch over element nodes, and over `fields` in shape "node"."""
         return self.groups if self.shape == "element" else (self.groups, *fields, self.points)
 
     @functools.cached_property
@@ -372,7 +372,7 @@ class DeviceMesh(NotCopyable):
     def on_elements(
         self, values: NDArray[Any], tail: tuple[int, ...] = (), scalar: Any = None
     ) -> wp.array:
-        """Return (E, k, *tail) or (E, np, np, *tail) of this rank's elements as (groups, k, *tail).
+        """Return (e, k, *tail) or (e, np, np, *tail) of this rank's elements as (groups, k, *tail).
 
         The result contains registers of lanes. scalar: a number type other than the run's.
         """
@@ -381,7 +381,7 @@ class DeviceMesh(NotCopyable):
         return self.registers(lanes.reshape(*lanes.shape[:2], *tail, self.lanes), scalar)
 
     def in_lanes(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return (E, k, ...) as (groups, k, ..., lanes)."""
+        """Return (e, k, ...) as (groups, k, ..., lanes)."""
         short = self.groups * self.lanes - self.elements
         padded = np.concatenate([values, np.repeat(values[-1:], short, axis=0)])
         grouped = padded.reshape(self.groups, self.lanes, values.shape[1], -1)
@@ -440,6 +440,6 @@ class DeviceMesh(NotCopyable):
 
     @functools.cached_property
     def _owners(self) -> tuple[list[int], NDArray[Any]]:
-        """Number of nodes that each rank owns, and the place (N,) of each node behind another."""
+        """Number of nodes by owning rank, and position (N,) of each node in the joined nodes."""
         numbers = self.comm.tell_all(self.part.nodes[self.part.owned])
         return [each.size for each in numbers], inverse_permutation(np.concatenate(numbers))

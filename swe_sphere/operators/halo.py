@@ -47,14 +47,14 @@ class Buffer:
 
     def pack(self) -> None:
         """Copy the numbers from their positions."""
-        if self.bytes:
+        if self.of_rank:
             self._pack()
             if self._here is not self._there:
                 wp.copy(self._here, self._there)
 
     def unpack(self) -> None:
         """Copy the numbers to their positions."""
-        if self.bytes:
+        if self.of_rank:
             if self._here is not self._there:
                 wp.copy(self._there, self._here)
             self._unpack()

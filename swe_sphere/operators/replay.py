@@ -100,8 +100,8 @@ def _captured(launch: Launcher, pieces: Pieces) -> Iterator[None]:
     _OPEN[device] = pieces
     if context := warp_internals():
         launch.defer = partial(_defer, context.runtime.core, launch, pieces)
-    wp.capture_begin(device, force_module_load=False)
     try:
+        wp.capture_begin(device, force_module_load=False)
         yield
         pieces.append(_end(device))
     except BaseException:

@@ -139,7 +139,7 @@ class SchurOperator:
     ) -> None:  # fmt: skip
         self.mesh, self.gravity, self.size, self.tau = mesh, gravity, mesh.size, 0.0
         self.matrix = SchurMatrix(mesh.mesh, gravity, coriolis)
-        """S on the host."""
+        """S without the damping F, on the host."""
         types = mesh.types(terms=Terms(waves=True), given=given, whole=False)
         self._value, self._together = types.value, specialise(helmholtz.together, types)
         self._nodes = mesh.mesh.nodes[mesh.part.elements]

@@ -18,7 +18,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.operators.diagnose import assemble
 
 PART = 1024
-"""Number of elements whose matrices are built at a time."""
+"""Number of elements whose matrices are built at a time, in the caches."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,8 @@ def slopes(mesh: Mesh, space: ElementSpace) -> scipy.sparse.csr_matrix:
     """Return (2N, V) [m-1], in float32: gradients of the functions."""
     rows, (along_1, along_2) = mesh.nodes.reshape(mesh.elements, -1), _lines(mesh) @ space.values
     east, north = np.empty((2, *rows.shape, space.values.shape[1]), np.float32)
-    for part in _parts(mesh):
+    for begin in range(0, mesh.elements, PART):
+        part = slice(begin, begin + PART)
         b = mesh.quadrature[..., None, None] * mesh.basis[part]
         b = b.reshape(-1, rows.shape[1], 1, 2, 2)
         east[part] = b[..., 1, 1] * along_1 - b[..., 0, 1] * along_2
@@ -87,18 +88,13 @@ def stiffness(
     numbers = mesh.nodes.reshape(mesh.elements, -1)
     if space is not None:
         lines, numbers = lines @ space.values, space.numbers
-    parts = [_stiffness_of(mesh, coefficient, lines, part) for part in _parts(mesh)]
-    blocks = np.concatenate(parts)
+    parts = [slice(e, e + PART) for e in range(0, mesh.elements, PART)]
+    blocks = np.concatenate([_stiffness_of(mesh, coefficient, lines, part) for part in parts])
     rows = np.broadcast_to(numbers[:, :, None], blocks.shape)
     columns = np.broadcast_to(numbers[:, None, :], blocks.shape)
     index = (rows.ravel(), columns.ravel())
     size = int(numbers.max()) + 1
     return scipy.sparse.coo_array((blocks.ravel(), index), (size, size)).tocsr()
-
-
-def _parts(mesh: Mesh) -> list[slice]:
-    """Return slices of elements whose arrays stay in the caches."""
-    return [slice(e, e + PART) for e in range(0, mesh.elements, PART)]
 
 
 def _stiffness_of(mesh: Mesh, coefficient: Array, lines: Array, part: slice) -> Array:
@@ -194,7 +190,7 @@ def _own(mesh: Mesh, across: list[Lines]) -> Array:
 
 
 class Probing:
-    """Finds a matrix by products for columns without common rows (Curtis, Powell & Reid 1974)."""
+    """Finds a sparse matrix from sums of columns that share no row (Curtis, Powell & Reid 1974)."""
 
     def __init__(self, mesh: Mesh) -> None:
         ones = np.ones(mesh.nodes.size, dtype=np.int8)
@@ -231,7 +227,7 @@ class Probing:
 
 
 def _coloured(conflicts: scipy.sparse.csr_array) -> Int32:
-    """Return (N,) colours, each the least that no earlier neighbour has."""
+    """Return (N,) colours, each the least colour that no neighbour coloured before has."""
     colours = np.full(conflicts.shape[0], -1, dtype=np.int32)
     for node, (begin, end) in enumerate(zip(conflicts.indptr, conflicts.indptr[1:], strict=False)):
         taken = np.bincount(colours[conflicts.indices[begin:end]] + 1, minlength=2)

@@ -22,7 +22,7 @@ from swe_sphere.mesh.partition import Part
 from swe_sphere.operators.launch import Cuts, Launcher, Span
 
 NODES = 4096
-"""Number of element nodes of a strip, whose data fit the second-level cache."""
+"""Least number of element nodes of a strip, whose data fit the second-level cache."""
 
 
 class Strips:

@@ -17,8 +17,8 @@ class TendencyOperator:
 
     `parameters` holds the terms' coefficients and fields: gravity [m s-2], nu [m2 s-1], nu4 [m4
     s-1] and the device arrays bottom (N,) [m], wind (2N,) [m s-1], base, laplacian and forcing
-    (unknowns*N,) and coriolis (N,) [s-1]; for each term of `point` a dictionary of its numbers and
-    fields (N,) by the name of the term. In the skew form `Pointwise.rotation` turns the wind of
+    (unknowns*N,) and coriolis (N,) [s-1]; "effects" holds the numbers and fields (N,) of each term
+    of `point`, by its name. With `Terms.poisson` (skew form) `Pointwise.rotation` turns the wind of
     `base`. With a `stage` (a `stage_struct`), `out` is the result of the stage instead of the rate.
     """
 

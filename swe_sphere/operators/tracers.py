@@ -57,7 +57,7 @@ class TracerTransport:
 
 
 class MixingRatio:
-    """Mixing ratios q = hq/h of `count` tracers, and vectors in which tracers follow the depth.
+    """Mixing ratios q = hq/h of `count` tracers, and tracer increments, q times those of depth.
 
     `depth` and `first`: offsets of the depth and of the first tracer in a state vector.
     """

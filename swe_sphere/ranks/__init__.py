@@ -1,1 +1,1 @@
-"""Parallel runs: communication between ranks, their terminals and the threads of BLAS."""
+"""Communication between ranks, and limits of a process: memory, BLAS threads, time."""

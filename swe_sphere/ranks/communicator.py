@@ -1,7 +1,7 @@
 """Communication between the ranks of a run: a single process, or the processes that MPI started.
 
 Each rank holds the whole mesh on the host and steps its part of it. Every rank decides for itself
-from the same numbers: decisions of all ranks agree because their bits do.
+from the same numbers: decisions agree because the numbers have the same bits on all ranks.
 """
 
 import atexit

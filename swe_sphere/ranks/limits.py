@@ -44,7 +44,7 @@ def process_age() -> float:
 
 @cache
 def _libraries(scipy_is_loaded: bool) -> ThreadpoolController:
-    """Return the BLAS libraries loaded so far; `scipy.linalg` adds one, so that results differ."""
+    """Return the loaded BLAS libraries, cached apart once `scipy.linalg` has added a library."""
     return ThreadpoolController()
 
 

@@ -159,8 +159,7 @@ def flow_errors(model: Model, ours: Fields, theirs: Fields) -> Norms:
 def slow_errors(model: Model, ours: Fields, theirs: Fields) -> Norms:
     """Return errors at the nodes of potential vorticity, under the name "vorticity".
 
-    Gravity waves carry no potential vorticity: waves that a long step has damped or dephased do not
-    count.
+    Gravity waves carry no potential vorticity: waves that a long step damps or shifts do not count.
     """
     if model.scene.wind is not None:
         return {}

@@ -433,8 +433,7 @@ class Simulation(NotCopyable):
 
         observers: see states when due; those with `sees_end` also the last one. time_limit: wall
         time [s] since a time of time.monotonic; if since is None, that of steps without compiling.
-        interruption: records the signals of several simulations; it raises Interrupted if the user
-        asked to stop.
+        interruption: records the signals of several simulations; it may raise Interrupted.
         """
         self.outcome, noted = Summary("running"), interruption or Interruption()
         with ExitStack() as stack:  # each observer ends if it has begun
@@ -784,9 +783,8 @@ class Simulation(NotCopyable):
     def checkpoint(self, path: str | Path) -> Path:
         """Write all that `from_checkpoint` needs to resume from here bit for bit.
 
-        An existing checkpoint is replaced, any other file is not.
-        Raises RunFailed if the disk fails or the state is unstable, ConfigError for an
-        existing file of another kind.
+        An existing checkpoint is replaced, any other file is not. Raises RunFailed if the disk
+        fails or the state is unstable, ConfigError for an existing file of another kind.
         """
         from swe_sphere.io.checkpoint import Checkpoint, is_checkpoint, write_checkpoint
         from swe_sphere.io.layout import plain

@@ -28,11 +28,11 @@ from swe_sphere.solvers.preconditioners.multilevel import Multilevel, schur_oper
 from swe_sphere.solvers.vector_space import Masses, VectorSpace
 
 DEEPEST = 0.8
-"""Least reference depth, as a fraction of that below the highest surface.  Explicit waves grow
+"""Least reference depth, as a fraction of the depth below the highest surface.  Explicit waves grow
 sooner in fluid deeper than its reference than in shallower fluid (docs/results/steps.md)."""
 INERTIAL = 1.25
-"""Ratio of the limits from advection and from explicit inertial waves of the same frequency,
-measured on meshes coarse enough that inertial waves limit the step (docs/results/steps.md)."""
+"""An inertial wave of frequency f limits explicit steps like advection of the rate INERTIAL f;
+measured on meshes coarse enough that such waves limit the step (docs/results/steps.md)."""
 
 
 def reference_depth(model: Model) -> Array:
@@ -48,9 +48,10 @@ def reference_depth(model: Model) -> Array:
         )
     flow = model.scene.base or model.scene.initial
     _, _, depth = flow(model.mesh.lon, model.mesh.lat)
-    surface: Array = depth + model.bottom
+    bottom = model.bottom if model.scene.effect("orography") else np.zeros_like(depth)
+    surface: Array = depth + bottom
     mean = np.average(surface, weights=model.mesh.area)
-    deep: Array = np.maximum(mean - model.bottom, DEEPEST * (surface.max() - model.bottom))
+    deep: Array = np.maximum(mean - bottom, DEEPEST * (surface.max() - bottom))
     return deep.clip(max=depth.max())
 
 
@@ -78,7 +79,7 @@ def explicit_spectrum(model: Model, state: wp.array, t: float = 0.0) -> Spectrum
     wave = max(advection_rate(model, state, t), inertial)
     if any(effect.name not in EFFECTS for effect in model.scene.effects):
         linear, image = wave_operator(model, state_of_rest(model)), model.zeros(model.fluid_size)
-        tendency = model.right_hand_side("conservative", fluid_only=True)
+        tendency = model.right_hand_side("conservative", fluid_only=True, counted=False)
 
         def rest(x: wp.array, out: wp.array) -> None:
             """Set out = (F - L) x for wind and depth."""
@@ -94,7 +95,7 @@ def advection_rate(model: Model, state: wp.array, t: float = 0.0) -> float:
     """Return the spectral radius [s-1] of the advection of depth by a state's wind, -div(V h)."""
     winds = 2 * model.device_mesh.size
     wind = wp.clone(state[:winds])
-    tendency = model.right_hand_side("conservative", fluid_only=True)
+    tendency = model.right_hand_side("conservative", fluid_only=True, counted=False)
 
     def advection(x: wp.array, out: wp.array) -> None:
         wp.copy(x, wind, count=winds)
@@ -170,7 +171,7 @@ class FluxWaves:
 class GravityWaves:
     """L on the device, and (I - tau L)^-1 by block elimination and conjugate gradients on S.
 
-    S is applied in float64 and preconditioned in float32, whatever the run's number type.  Raises
+    S is applied in float64 and preconditioned in float32, for any number type of the run.  Raises
     ConfigError for a scene without gravity waves.
     """
 
@@ -226,7 +227,7 @@ class GravityWaves:
         """Set out = (I - tau L)^-1 r, both states, from a guess (N,) of the depth.
 
         tolerance: residual of the eliminated system relative to its right-hand side. The masses of
-        `out` are those of r, whatever the tolerance. All arrays are of the run's number type.
+        `out` are those of r, for any tolerance. All arrays are of the run's number type.
         """
         b, h = self._fields
         self.operator.eliminate(r, b)

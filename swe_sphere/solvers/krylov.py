@@ -174,14 +174,14 @@ class KrylovSolver(ABC):
             p.end(Status.NAN, "the solution is not finite")
         elif residual <= p.target:
             p.end(Status.CONVERGED, "converged")
-        elif residual > 10.0 * p.history[0]:
-            p.end(Status.DIVERGED, "diverged: the operator is not linear or nearly singular")
         elif residual <= min(roundoffs * p.terms, largest):
             p.end(Status.CONVERGED, "converged to round-off, not to the tolerance", True)
-        elif residual > most:
-            p.end(Status.STAGNATED, f"stagnated{why}")
         elif p.iterations >= p.limit:
             p.end(Status.STAGNATED, "out of iterations")
+        elif residual > 10.0 * p.history[0]:
+            p.end(Status.DIVERGED, "diverged: the operator is not linear or nearly singular")
+        elif residual > most:
+            p.end(Status.STAGNATED, f"stagnated{why}")
 
 
 class ConjugateGradients(KrylovSolver):
@@ -264,9 +264,8 @@ GAIN = 1e-6
 # A second pass follows at the latest if the first leaves less than this fraction of a vector.
 REMAINDER = 0.1
 WINDOW = 2
-"""Number of vectors that a short basis orthogonalises against; this suffices for a skew
-operator, as that of waves is in the inner product of their energy (Gaudreault, Rainwater & Tokman
-2018)."""
+"""Number of vectors that a short basis orthogonalises against, as suffices for a skew operator:
+waves are skew in the inner product of their energy (Gaudreault, Rainwater & Tokman 2018)."""
 
 
 class KrylovBasis:
@@ -386,8 +385,8 @@ class HessenbergLeastSquares:
     def solve(self) -> tuple[Array, float, float]:
         """Return the minimising y, its residual, and the size of the terms that cancel in H y.
 
-        y is shorter than H is wide if the last columns gain nothing, or less than their round-off
-        in those terms, sum_k |y_k| |H e_k|, costs; this happens if the operator is singular.
+        y omits the last columns if they reduce the residual by less than GAIN, or by less than the
+        round-off of the terms sum_k |y_k| |H e_k|, as for a singular operator.
         """
         residuals = self._residuals
         enough = (1.0 + GAIN) * residuals[-1]
@@ -414,9 +413,9 @@ class HessenbergLeastSquares:
 class FlexibleGMRES(KrylovSolver):
     """Solver of A x = b with `size` basis vectors; keep the instance, as it allocates only once.
 
-    Memory: (size + 1) vectors, and `size` more from the first preconditioned solve on; a CPU uses
-    only as many of each as the longest cycle so far. If a vector becomes non-finite, x keeps its
-    value at the last restart.
+    Memory: (size + 1) vectors, and `size` more from the first preconditioned solve on; on a CPU
+    only rows used by the longest cycle so far occupy memory. If a vector becomes non-finite, x
+    keeps its value at the last restart.
     """
 
     def __init__(self, space: VectorSpace, size: int = 30) -> None:

@@ -95,7 +95,7 @@ class NewtonResult(SolveResult):
 
 
 class NewtonKrylov:
-    """Solver of F(x) = 0; keep the instance: it allocates four vectors and a basis once."""
+    """Solver of F(x) = 0; keep the instance: it allocates four vectors once."""
 
     def __init__(
         self, space: VectorSpace, gmres: FlexibleGMRES, rtol: float = 1e-6,
@@ -174,8 +174,8 @@ class NewtonKrylov:
     def _learn(self, p: NewtonResult, search: "Search", reached: float) -> None:
         """Estimate the nonlinearity from a step, as if the parts of its residual were orthogonal.
 
-        Later steps of a solve contribute only if their residual exceeds that of the linear system.
-        reached: relative residual of the linear solve.
+        Later steps of a solve contribute only if the part of their residual that the linear model
+        missed exceeds the part that it predicts. reached: relative residual of the linear solve.
         """
         norm, length = p.residual, search.length
         expected = (1.0 - length * (1.0 - reached)) * norm

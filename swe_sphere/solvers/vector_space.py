@@ -2,7 +2,7 @@
 
 The weights make the solvers independent of units: with the weights of the energy, a tolerance has
 the same meaning on every planet. Vectors are Warp arrays (n,), stacks of them Warp arrays (m, n).
-All sums run in float64, whatever the type of the vectors, in a fixed order that does not depend on
+All sums run in float64, for any type of the vectors, in a fixed order that does not depend on
 how many ranks share the vectors.
 """
 
@@ -107,8 +107,7 @@ class VectorSpace:
     def empty_stack(self, rows: int) -> wp.array:
         """Return a new stack (rows, n) that is not initialised.
 
-        In the memory of a CPU a row occupies memory only once it is written: unused rows cost
-        nothing.
+        In the memory of a CPU a row occupies memory only once it is written.
         """
         return wp.empty((rows, self.n), dtype=self.real, device=self.device)
 

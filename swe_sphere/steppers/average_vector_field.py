@@ -30,11 +30,12 @@ class PoissonTendency:
         self._model, mesh, scene = model, model.device_mesh, model.scene
         self._mean, self._base = model.zeros(), model.zeros()
         terms = Terms(advection=True, pressure=True, poisson=True)
-        point = Pointwise(rotation=scene.coriolis is not None, forcing=scene.forcing is not None)
+        rotation, orography = map(scene.effect, ("rotation", "orography"))
+        point = Pointwise(rotation=rotation is not None, forcing=scene.forcing is not None)
         own = model.parameters | {"base": self._base}
         operator = TendencyOperator(mesh, terms, own, point)
         self._operator = recorded(model.launch, operator)
-        average = average_kernel(scene.bottom is not None)
+        average = average_kernel(orography is not None)
         (self._average,) = model.launch.compile(mesh.real, average)
         bottom = model.parameters.get("bottom", self._mean)
         self._constants = mesh.size, scene.planet.gravity, bottom

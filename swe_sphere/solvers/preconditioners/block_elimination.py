@@ -9,6 +9,7 @@ import scipy
 import warp as wp
 
 from swe_sphere.arrays import Array
+from swe_sphere.equations.effects import Effect
 from swe_sphere.equations.model import Model
 from swe_sphere.kernels.vectors import nearness
 from swe_sphere.operators.device_mesh import Field
@@ -22,8 +23,8 @@ class BlockElimination(KeptSetup):
     """(I - tau L)^-1 with gravity waves about the current depth, without advection.
 
     It eliminates the wind, see `SchurOperator`; a subclass inverts the Schur complement S
-    approximately, by `invert` and `solve`, with S as `operator` on the device and as
-    `operator.matrix` on the host.
+    approximately, by `invert` and `solve`, with S as `operator` on the device and, without the
+    damping F, as `operator.matrix` on the host.
     """
 
     real: ClassVar[Any] = wp.float32
@@ -36,7 +37,8 @@ class BlockElimination(KeptSetup):
     def __init__(self, model: Model) -> None:
         super().__init__(model)
         outer = model.device_mesh.real
-        damping = model.damping if model.diffusive else None
+        damps = any(type(e).damping is not Effect.damping for e in model.scene.effects)
+        damping = model.damping if damps else None
         self.operator = schur_operator(model, model.coriolis, self.real, outer, damping)
         self._b, self._h = self.operator.field(), self.operator.field()
         mesh, (compare,) = model.device_mesh, model.launch.compile(outer, nearness)

@@ -170,7 +170,7 @@ class CoarsePart:
         ]
 
     def restrict(self, b: Field, out: Field) -> None:
-        """Set out to the integrals of b times each function [m2]."""
+        """Set out to the integrals of b [m] times each function [m3]."""
         launch = self._launch
         inputs = self._values, self._mass, b.values, self._local
         launch(self._restrict, self._dims[0], 0, *inputs, cuts=self._mesh.cuts)
@@ -262,7 +262,7 @@ def _numbers(spaces: list[ElementSpace]) -> Integers:
 
 SWEEPS = 6
 """Number of Chebyshev steps on the coarse functions.  After some days of a run the computational
-modes limit the convergence: three steps need half as many iterations again."""
+modes limit the convergence: three steps need 1.5 times as many iterations."""
 NEGLIGIBLE = 0.02
 """Size of omitted couplings of computational modes, relative to the diagonal."""
 SPACING = 12

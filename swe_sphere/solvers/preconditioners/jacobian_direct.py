@@ -18,11 +18,11 @@ FIELDS = 3
 
 
 class JacobianDirect(KeptSetup):
-    """(I - tau J)^-1 by sparse LU on the host, in float32, J without viscosity.
+    """(I - tau J)^-1 by sparse LU on the host, in float32, J found by probing.
 
-    Probing finds J, with every effect that couples only nodes of one element. Its products are
-    nearly skew in the energy norm, so that I - tau J needs no pivots, and nodes in the order of
-    nested dissection keep the factors small.
+    J excludes viscosity, hyperviscosity and edge penalty. It is nearly skew in the energy norm, so
+    that I - tau J needs no pivots, and nodes in the order of nested dissection keep the factors
+    small.
     """
 
     name = "jacobian-direct"

@@ -18,9 +18,9 @@ COURANT_A_CYCLE = 20.0
 MOST_CYCLES = 4
 """Each such increase of the gravity-wave Courant number adds a cycle, up to MOST_CYCLES."""
 DEGREES = {3: 3, 4: 2}
-"""Number of Chebyshev steps by np, otherwise 4.  At np 3 all waves share their shortest wave, whose
-nodal values are 1, 0, -1, 0: the coarse correction overshoots it, and two steps do not reduce it,
-so that the cycle is singular from some mesh size on."""
+"""Number of Chebyshev steps by np, otherwise 4.  At np 3 all families of waves share the wave with
+nodal values 1, 0, -1, 0: the coarse correction overshoots it, and two steps do not reduce it, so
+that the cycle is singular from some mesh size on."""
 
 
 def schur_operator(

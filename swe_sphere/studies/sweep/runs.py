@@ -100,8 +100,7 @@ def longest_working(
     """Return the longest step [s] that works, to LIMIT_KNOWN; None if none does.
 
     works: tests a step; if it fails for one, longer ones are assumed to fail. guess: first trial;
-    shortest, longest: the ends of the search; growth: ratio of two steps while the limit is not yet
-    enclosed.
+    shortest, longest: the ends of the search; growth: ratio of steps until the limit is enclosed.
     """
     low = high = min(max(guess, shortest), longest)
     if works(low):
