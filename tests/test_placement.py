@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from swe_sphere import Simulation
+from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cubed_sphere import Placement
 from swe_sphere.mesh.sphere import frame, position
@@ -58,3 +60,9 @@ def test_no_placement_keeps_every_bit() -> None:
     points = Mesh.build(2, 4).xyz
     assert np.array_equal(Placement().place(points), points)
     assert np.array_equal(Placement().lift(points), points)
+
+
+def test_a_mesh_too_coarse_for_its_stretch_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"the areas of the nodes are 3\.5 of the sphere"):
+        Simulation("williamson2", ne=4, np=4, stretch=100.0)
+    assert Simulation("williamson2", ne=4, np=4, stretch=8.0).mesh.stretch == 8.0

@@ -172,21 +172,30 @@ def check_mesh(config: RunConfig, scene: Scene) -> dict[str, Any]:
     return values
 
 
+MOST_ERROR_OF_AREA = 0.1
+
+
 def make_mesh(config: RunConfig, scene: Scene, made: Mesh | None = None) -> Mesh:
     """Return the mesh of the configuration, or the existing mesh `made` if it is the same.
 
-    Raises the errors of `check_mesh`, and ConfigError if `made` is another mesh.
+    Raises the errors of `check_mesh`, and ConfigError if `made` is another mesh, or if the areas
+    of the nodes of a strongly stretched mesh are not about those of the sphere.
     """
     values = check_mesh(config, scene)
-    if made is None:
-        return Mesh.build(**values)
+    mesh = Mesh.build(**values) if made is None else made
     for name, value in values.items():
-        if (other := getattr(made, name)) != value:
+        if (other := getattr(mesh, name)) != value:
             raise ConfigError(
                 f"the mesh has {name}={other!r}, and {scene.name} is to run with {name}={value!r}:"
                 " build the mesh with this value"
             )
-    return made
+    share = mesh.area.sum() / (4.0 * math.pi * mesh.radius**2)
+    if abs(share - 1.0) > MOST_ERROR_OF_AREA:
+        raise ConfigError(
+            f"stretch={mesh.stretch:g}, ne={mesh.ne}, np={mesh.np}: the areas of the nodes are"
+            f" {share:.2g} of the sphere: take a larger ne or a smaller stretch"
+        )
+    return mesh
 
 
 def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:
