@@ -564,6 +564,10 @@ LONG: dict[str, tuple[int, dict[str, object]]] = {
 """Days and effects of long runs by scene."""
 
 
+PENALISED = {"edge-penalty.c": "default"}
+"""Settings with the default edge penalty."""
+
+
 def endurance() -> Section:
     """Drift of energy in long runs of every stepper with the edge penalty alone."""
     rows = []
@@ -587,9 +591,6 @@ def endurance() -> Section:
         ["stepper", *(f"{scene}, {days} days" for scene, (days, _) in LONG.items())],
         rows,
     )
-
-
-PENALISED = {"edge-penalty.c": "default"}
 
 
 def separate() -> Section:

@@ -75,7 +75,7 @@ def products(
 
     partial[s, c] becomes the sum of w_i stack[s, i] v_i over chunk c: the numbers i from spans[k,
     c, 0] to spans[k, c, 1], for all k, in each of the n / size fields. The sums run in float64 in
-    an order fixed by the launch, without atomics, so that runs repeat bit by bit; add the chunks.
+    an order fixed by the launch, without atomics: runs repeat bit by bit. Callers add the chunks.
     """
     row, chunk, lane = wp.tid()
     total = wp.float64(0.0)

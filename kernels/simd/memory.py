@@ -40,7 +40,7 @@ def put(x: vector, i: int, v: value):
 def pack(x: vector, places: Numbers, packed: vector, threads: int):
     """Set packed = x[places], with `packed` and `places` of shape (n,).
 
-    A GPU runs n `threads`, a CPU one: to start a thread costs more there than to copy.
+    A GPU runs n `threads`, a CPU one: starting a thread costs more there than a copy.
     """
     for i in range(wp.tid(), places.shape[0], threads):
         put(packed, i, load(x, number(places, i)))

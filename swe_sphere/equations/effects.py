@@ -8,6 +8,7 @@ derivatives in space; a scene may define custom effects of this type.
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
+from numbers import Real
 from typing import Any, ClassVar, Self, no_type_check
 
 import numpy as np
@@ -79,8 +80,8 @@ class Effect:
     def __post_init__(self) -> None:
         for name in self.strengths:
             value = getattr(self, name)
-            known = isinstance(value, int | float | np.floating) and 0.0 <= value < math.inf
-            if value is not None and not known:
+            valid = isinstance(value, Real) and 0.0 <= float(value) < math.inf
+            if value is not None and not valid:
                 label = f"{self.name}.{name}"
                 raise ConfigError(f"{label} must be finite and not negative, got {value}")
 

@@ -24,7 +24,7 @@ def is_user_file(name: str | Path) -> bool:
 def check_trusted(name: object, path: Path, trusted: Iterable[Path], is_code: bool = False) -> None:
     """Raise ConfigError if the data in path name a Python or TOML file that the user did not name.
 
-    A TOML file counts as its scene may be based on a Python file. is_code: any file counts.
+    A TOML file counts because its scene may use a Python file. is_code: any file counts.
     """
     given = {Path(each).absolute() for each in trusted}
     is_code = is_code or str(name).endswith((".py", ".toml"))

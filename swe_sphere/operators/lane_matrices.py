@@ -35,8 +35,7 @@ def _grouped(
     shape = ends.size - 1, columns + behind
     blocks = scipy.sparse.csr_array((matrix.data, numbers, ends), shape).tobsr((lanes, 1))
     blocks.sort_indices()
-    values = np.zeros((max(blocks.indices.size, 1), lanes))
-    values[: blocks.indices.size] = blocks.data[..., 0]
+    values = blocks.data[..., 0] if blocks.indices.size else np.zeros((1, lanes))
     starts = wp.array(blocks.indptr, dtype=wp.int32, device=mesh.device)
     return starts, blocks.indices - behind, mesh.registers(values)
 

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from swe_sphere.arrays import Array, Int32
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.diagnose import assemble
 
 PART = 1024
-"""Number of elements whose matrices are built at a time, in the caches."""
+"""Number of elements whose matrices are built at a time, so that they fit into the caches."""
 
 
 @dataclass(frozen=True)
@@ -53,10 +53,10 @@ def gradient(mesh: Mesh) -> scipy.sparse.csr_matrix:
     return scipy.sparse.vstack([east, north], format="csr")
 
 
-def slopes(mesh: Mesh, space: ElementSpace) -> scipy.sparse.csr_matrix:
-    """Return (2N, V) [m-1], in float32: gradients of the functions."""
+def slopes(mesh: Mesh, space: ElementSpace, real: DTypeLike = float) -> scipy.sparse.csr_matrix:
+    """Return (2N, V) [m-1], of the number type `real`: gradients of the functions."""
     rows, (along_1, along_2) = mesh.nodes.reshape(mesh.elements, -1), _lines(mesh) @ space.values
-    east, north = np.empty((2, *rows.shape, space.values.shape[1]), np.float32)
+    east, north = np.empty((2, *rows.shape, space.values.shape[1]), real)
     for begin in range(0, mesh.elements, PART):
         part = slice(begin, begin + PART)
         b = mesh.quadrature[..., None, None] * mesh.basis[part]

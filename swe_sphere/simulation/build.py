@@ -173,6 +173,7 @@ def check_mesh(config: RunConfig, scene: Scene) -> dict[str, Any]:
 
 
 MOST_ERROR_OF_AREA = 0.1
+"""Largest relative error of the area of the sphere, as the sum of the nodal areas."""
 
 
 def make_mesh(config: RunConfig, scene: Scene, made: Mesh | None = None) -> Mesh:

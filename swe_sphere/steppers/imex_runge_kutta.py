@@ -93,7 +93,7 @@ class ImexRungeKutta(ImexStepper):
     """Y_i = x + dt sum_j (explicit_ij N(Y_j) + implicit_ij L Y_j), N = F - L; one solve a stage.
 
     The first stage is x. The unknown is the change Y_i - x, so that the solver's tolerance is
-    relative to the change; the solved equation implies L Y_i, guessed from one step before.
+    relative to the change; the solved equation implies L Y_i, whose guess is that of the last step.
     """
 
     memory = "state", "slopes"  # linear slopes of depth in the last step

@@ -113,7 +113,7 @@ class NewtonStages(StageSolver):
     def solve(self, tau: float, t: float, rhs: wp.array, x: wp.array) -> str | None:
         """Solve the problem for the implicit step tau [s] at the time t [s] from the guess x.
 
-        The solution replaces x, and has the masses of the exact one. Returns why it failed.
+        x becomes the solution, with the masses of the exact one. Returns the reason of a failure.
         """
         problem = self.problem
         problem.tau, problem.time, problem.rhs = tau, t, rhs

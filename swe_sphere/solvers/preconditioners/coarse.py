@@ -284,7 +284,7 @@ class CoarseCorrection:
         area = scipy.sparse.diags_array(mesh.area)
         bases = [interpolation(mesh, space) for space in spaces]
         self._mass, *masses = [(basis.T @ (area @ basis)).tocsr() for basis in bases]
-        slopes = [sparse.slopes(mesh, space) for space in spaces[1:]]
+        slopes = [sparse.slopes(mesh, space, np.float32) for space in spaces[1:]]
         self._modes = list(zip(masses, slopes, strict=True))
         self._longest = longest_waves(mesh, bases[0])
         count, (smooth, few) = sum(basis.shape[1] for basis in bases), self._longest.shape
