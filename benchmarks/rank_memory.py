@@ -28,9 +28,9 @@ def run(ne: int, stepper: str, days: float) -> None:
     sim.step()
     seconds = time.perf_counter() - begin
     with TemporaryDirectory() as folder:
-        sim.run(out=Path(sim.comm.tell_all(folder)[0]) / "run.nc", progress=False)
+        sim.run(out=Path(sim.comm.allgather(folder)[0]) / "run.nc", progress=False)
     status = Path("/proc/self/status").read_text()
-    peaks = sim.comm.tell_all(int(re.findall(r"VmHWM:\s+(\d+)", status)[0]) / 1024)
+    peaks = sim.comm.allgather(int(re.findall(r"VmHWM:\s+(\d+)", status)[0]) / 1024)
     if sim.comm.rank == 0:
         sys.stdout.write(json.dumps([seconds, peaks]) + "\n")
 

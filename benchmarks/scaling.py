@@ -27,7 +27,7 @@ from sections import PAGES, Section, measure
 
 from swe_sphere import Simulation
 from swe_sphere.mesh import Mesh
-from swe_sphere.mesh.partition import pieces
+from swe_sphere.mesh.partition import chunking
 from swe_sphere.solvers.preconditioners.coarse import SPACING
 
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
@@ -210,7 +210,7 @@ def model() -> Section:
     picture(PAGES / "scaling.svg", steps, LARGE, SUPPOSED, rim())
     rows = []
     for name, of in steps.items():
-        for ranks in (1, 64, 512, 4096, 32768, pieces(LARGE)[0]):
+        for ranks in (1, 64, 512, 4096, 32768, chunking(LARGE)[0]):
             given = of, 6.0 * LARGE**2, np.array([float(ranks)]), SUPPOSED, rim()
             trees, is_now = in_trees(*given)[0], as_it_is(*given)[0]
             alone = in_trees(of, 6.0 * LARGE**2, np.array([1.0]), SUPPOSED, rim())[0]

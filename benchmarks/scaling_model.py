@@ -9,7 +9,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from swe_sphere.mesh.partition import pieces
+from swe_sphere.mesh.partition import chunking
 
 NODES = 4
 """Number of nodes along the edge of an element, np."""
@@ -100,7 +100,7 @@ def picture(path: Path, steps: Mapping[str, Step], ne: int, net: Network, rim: f
     """Draw the time of a step by the number of ranks, by both models."""
     figure, axes = plt.subplots(figsize=(6.4, 3.8), layout="constrained")
     for (name, step), colour in zip(steps.items(), ("C0", "C1", "C2", "C3"), strict=False):
-        ranks, elements = np.logspace(0, np.log10(pieces(ne)[0]), 100), 6.0 * ne**2
+        ranks, elements = np.logspace(0, np.log10(chunking(ne)[0]), 100), 6.0 * ne**2
         axes.loglog(ranks, as_it_is(step, elements, ranks, net, rim), color=colour, label=name)
         trees = in_trees(step, elements, ranks, net, rim)
         axes.loglog(ranks, trees, "--", color=colour)

@@ -43,7 +43,7 @@ def measure(stepper: str, ne: int, pieces: int = PIECES) -> dict[str, Any]:
             sim.step()
         times.append((time.perf_counter() - start) / at_once)
     steps = pieces * at_once
-    totals = sum(sim.comm.tell_all(traffic.counts() - before), Counter())
+    totals = sum(sim.comm.allgather(traffic.counts() - before), Counter())
     state = np.concatenate([sim.state.h, sim.state.u, sim.state.v])
     return {
         "times": times,

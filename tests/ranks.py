@@ -32,7 +32,7 @@ def fingerprint(scene, stepper, dt, steps, ne, np, settings):
     sent, start = [], Halo.start
     with patch.object(Halo, "start", lambda halo: [sent.append(halo.going.bytes), start(halo)]):
         sim.model.tendency(sim.stepper.state, 0.0, sim.model.zeros())
-    return *told, sum(sim.comm.tell_all(sum(sent)))
+    return *told, sum(sim.comm.allgather(sum(sent)))
 
 
 def as_gpu(reached):

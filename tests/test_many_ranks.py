@@ -11,7 +11,7 @@ from scaling_bytes import Traffic
 
 from swe_sphere.mesh import Mesh, partition
 from swe_sphere.mesh.cubed_sphere import BLOCK
-from swe_sphere.mesh.partition import Partition, pieces
+from swe_sphere.mesh.partition import Partition, chunking
 from swe_sphere.operators.chunks import Chunks
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.ranks.communicator import Communicator
@@ -36,7 +36,7 @@ NE, PIECES = 74, 2054
     ],
 )
 def test_pieces_grow_no_further_on_fine_meshes(ne, found):
-    assert pieces(ne) == found
+    assert chunking(ne) == found
 
 
 @pytest.fixture(scope="module")
@@ -47,8 +47,8 @@ def mesh():
 @pytest.fixture
 def dealt_out(mesh, monkeypatch):
     """By number of ranks: the parts of all of them."""
-    monkeypatch.setattr(partition, "MOST", BLOCK)
-    assert pieces(NE) == (PIECES, BLOCK)
+    monkeypatch.setattr(partition, "LARGEST_CHUNK", BLOCK)
+    assert chunking(NE) == (PIECES, BLOCK)
 
     def deal(ranks):
         dealt = Partition(mesh, ranks)
@@ -80,7 +80,7 @@ class OneOfMany(Communicator):
     def _wait_for_all(self):
         """All ranks are in one process."""
 
-    def tell_all(self, mine):
+    def allgather(self, mine):
         assert mine == self._counts[self.rank]
         return self._counts
 

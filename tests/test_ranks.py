@@ -26,7 +26,12 @@ from swe_sphere.mesh.cubed_sphere import BLOCK
 from swe_sphere.mesh.partition import Partition, curve, single_part
 from swe_sphere.operators import DeviceMesh, Launcher
 from swe_sphere.operators.device_mesh import LEAST_AWAY
-from swe_sphere.ranks.communicator import OF_RANKS, SIZES, Communicator, started_ranks
+from swe_sphere.ranks.communicator import (
+    RANK_VARIABLES,
+    SIZE_VARIABLES,
+    Communicator,
+    started_ranks,
+)
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import SCENES
@@ -68,7 +73,7 @@ class OneOfFive(Communicator):
         self._owned = [part.nodes[part.owned] for part in parts]
         self._fields, self.rooms = iter(fields), []
 
-    def tell_all(self, mine):
+    def allgather(self, mine):
         assert np.array_equal(mine, self._owned[0])
         return self._owned
 
@@ -508,7 +513,7 @@ def test_other_commands_refuse_ranks(mpi):
 ])  # fmt: skip
 def test_those_who_started_ranks_say_how_many(monkeypatch, said, started):
     """The inner one first, where one MPI starts another; what a rank starts hears of a socket."""
-    for name in (*SIZES, *OF_RANKS, "PMI_FD", "SLURM_STEP_NUM_TASKS"):
+    for name in (*SIZE_VARIABLES, *RANK_VARIABLES, "PMI_FD", "SLURM_STEP_NUM_TASKS"):
         monkeypatch.delenv(name, raising=False)
     for name, value in said.items():
         monkeypatch.setenv(name, value)
@@ -597,7 +602,7 @@ def test_a_program_that_mpi4py_runs_may_exit_on_one_rank(mpi, tmp_path, code, st
     """As the page on processes says; without, the others would wait for ever."""
     (tmp_path / "my.py").write_text(
         "from swe_sphere.ranks.communicator import world\n"
-        f"if world().rank == 1: raise SystemExit({code})\nworld().tell_all('all is well')"
+        f"if world().rank == 1: raise SystemExit({code})\nworld().allgather('all is well')"
     )
     page = (Path(__file__).parents[1] / "docs" / "howto" / "parallel.md").read_text()
     (line,) = re.findall(r"`mpiexec -n 2 python (.* my\.py)`", page)

@@ -17,7 +17,7 @@ from swe_sphere.cli.show import DEBUG, explain, open_streams
 from swe_sphere.compiling import COMPILING, on_compile
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.logs import LOGGER, print_lines
-from swe_sphere.ranks.communicator import OF_RANKS, refuse_ranks, world
+from swe_sphere.ranks.communicator import RANK_VARIABLES, refuse_ranks, world
 from swe_sphere.ranks.limits import command_began, process_age
 
 COMMANDS = {
@@ -103,6 +103,6 @@ def _show_failure(line: str) -> None:
         comm.agree_to_fail(line)
         first = comm.rank == 0
     except ConfigError:  # the line states that the other ranks are unknown
-        first = all(os.environ.get(name, "0") == "0" for name in OF_RANKS)
+        first = all(os.environ.get(name, "0") == "0" for name in RANK_VARIABLES)
     if first:
         LOGGER.error(line)

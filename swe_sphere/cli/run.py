@@ -25,7 +25,7 @@ from swe_sphere.errors import ConfigError, Interrupted, in_one_line
 from swe_sphere.files.user_file import is_user_file
 from swe_sphere.logs import LOGGER, append_lines, print_lines
 from swe_sphere.mesh.partition import check_ranks
-from swe_sphere.ranks.communicator import NAMED, RANK, world
+from swe_sphere.ranks.communicator import PRINT_RANK, RANK_PREFIX, world
 from swe_sphere.ranks.limits import available_memory
 from swe_sphere.settings.values import by_field, convert, overridden, read_toml
 from swe_sphere.simulation.build import make_scene
@@ -157,7 +157,7 @@ def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
     command = [starter, "-n", str(ranks), sys.executable, "-m", "swe_sphere", *arguments]
     with subprocess.Popen(
         command, stdin=DEVNULL, stdout=PIPE, stderr=PIPE, text=True, preexec_fn=_end_with_parent,
-        process_group=0, env={**os.environ, NAMED: "1"},
+        process_group=0, env={**os.environ, PRINT_RANK: "1"},
     ) as job:  # fmt: skip
         # in a separate group, mpiexec receives Ctrl-C once, from here, like other signals
         for number in ENDING:
@@ -194,8 +194,8 @@ def _pass_on(lines: Iterable[str]) -> tuple[bool, dict[str, str]]:
     """
     told, ranks = False, dict[str, str]()
     for line in lines:
-        if line.startswith(RANK):
-            rank, process = line.removeprefix(RANK).split()
+        if line.startswith(RANK_PREFIX):
+            rank, process = line.removeprefix(RANK_PREFIX).split()
             ranks[process] = rank
             continue
         if line.strip() and not line.startswith(NOISE):

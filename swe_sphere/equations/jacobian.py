@@ -70,7 +70,7 @@ class DifferenceJacobian:
     def _largest(self, state: wp.array) -> Array:
         """Return the largest modulus of each field."""
         mine = np.abs(state.numpy()).reshape(len(self._names), -1).max(axis=1)
-        return np.asarray(np.max(self._model.comm.tell_all(mine), axis=0), dtype=np.float64)
+        return np.asarray(np.max(self._model.comm.allgather(mine), axis=0), dtype=np.float64)
 
     def _sizes_of(self, state: wp.array) -> Array:
         """Return for each field the scale of its changes.

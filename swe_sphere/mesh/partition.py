@@ -68,7 +68,7 @@ def _hilbert(x: Integers, y: Integers, side: int) -> Integers:
 
 CHUNKS = 512
 """Largest number of chunks of a mesh below ne 74; ranks own chunks and sum them one by one."""
-MOST = 4 * BLOCK
+LARGEST_CHUNK = 4 * BLOCK
 """Largest number of elements of a chunk: meshes from ne 74 on have more than CHUNKS chunks."""
 
 
@@ -111,17 +111,17 @@ class Part:
         return np.concatenate([np.arange(*span) for span in self.spans.reshape(-1, 2)])
 
 
-def pieces(ne: int) -> tuple[int, int]:
+def chunking(ne: int) -> tuple[int, int]:
     """Return the number of chunks of a mesh of 6 ne^2 elements, and of elements of a chunk."""
     elements = 6 * max(ne, 1) ** 2
     block = BLOCK if elements >= 64 * BLOCK else 1  # kernels are faster on whole blocks
-    each = min(block * -(-elements // (CHUNKS * block)), MOST)
+    each = min(block * -(-elements // (CHUNKS * block)), LARGEST_CHUNK)
     return -(-elements // each), each
 
 
 def check_ranks(ne: int, ranks: int) -> None:
     """Raise ConfigError if a mesh has fewer chunks than there are ranks."""
-    most, _ = pieces(ne)
+    most, _ = chunking(ne)
     if ranks > most:
         raise ConfigError(
             f"a mesh of ne={ne} can be shared by at most {most} ranks, got {ranks}:"
@@ -158,7 +158,7 @@ class Partition:
     def __init__(self, mesh: Mesh, size: int, order: Integers | None = None) -> None:
         """Find the rank of every element; raise ConfigError if chunks are fewer than ranks."""
         check_ranks(mesh.ne, size)
-        chunks, per_chunk = pieces(mesh.ne)
+        chunks, per_chunk = chunking(mesh.ne)
         self._mesh, self._points = mesh, mesh.np**2
         self._order = curve(mesh.ne) if order is None else order
         along = inverse_permutation(self._order)

@@ -31,7 +31,7 @@ class Chunks:
         self._launch = launch if device == "cpu" else Launcher("cpu", comm)
         self.spans = wp.array(spans, dtype=wp.int32, device=device)
         """(kinds, count, 2): chunk c holds nodes spans[k, c, 0] to spans[k, c, 1] for all k."""
-        ends = np.cumsum([0, *comm.tell_all(self.count)])
+        ends = np.cumsum([0, *comm.allgather(self.count)])
         chunks = np.arange(*ends[comm.rank : comm.rank + 2])
         self._leaves = np.stack([chunks, np.ones_like(chunks)], axis=-1)
         self._branches = [branches(*ends[rank : rank + 2]) for rank in range(comm.size)]

@@ -441,5 +441,5 @@ class DeviceMesh(NotCopyable):
     @functools.cached_property
     def _owners(self) -> tuple[list[int], NDArray[Any]]:
         """Number of nodes by owning rank, and position (N,) of each node in the joined nodes."""
-        numbers = self.comm.tell_all(self.part.nodes[self.part.owned])
+        numbers = self.comm.allgather(self.part.nodes[self.part.owned])
         return [each.size for each in numbers], inverse_permutation(np.concatenate(numbers))

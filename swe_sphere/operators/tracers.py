@@ -164,7 +164,7 @@ class Crossings:
         """Return the spectral radius [s-1] of q -> div(q flux) / air, or up to a third more."""
         mesh = self._mesh
         mesh.launch(self._kernel, mesh.groups, self._geometry, flux, air, self._most)
-        return self._symbol * float(mesh.comm.of_each(self._most.numpy().max()).max())
+        return self._symbol * float(mesh.comm.gather_number(self._most.numpy().max()).max())
 
 
 class MassSteps:

@@ -27,11 +27,11 @@ from swe_sphere.ranks.limits import keep_to_one_thread
 
 T = TypeVar("T")
 
-SIZES = ("OMPI_COMM_WORLD_SIZE", "MV2_COMM_WORLD_SIZE", "PMI_SIZE")
+SIZE_VARIABLES = ("OMPI_COMM_WORLD_SIZE", "MV2_COMM_WORLD_SIZE", "PMI_SIZE")
 """Environment variables in which a launcher states the number of ranks."""
-OF_RANKS = "PMI_RANK", "OMPI_COMM_WORLD_RANK", "MV2_COMM_WORLD_RANK", "PMIX_RANK"
+RANK_VARIABLES = "PMI_RANK", "OMPI_COMM_WORLD_RANK", "MV2_COMM_WORLD_RANK", "PMIX_RANK"
 """Environment variables in which a launcher states the rank of a process."""
-NAMED, RANK = "SWE_SPHERE_NAMED_RANKS", "swe-sphere rank: "
+PRINT_RANK, RANK_PREFIX = "SWE_SPHERE_NAMED_RANKS", "swe-sphere rank: "
 """Variable that makes each rank print its number and process, and the prefix of that line."""
 PATIENCE = 4.0
 """Seconds that a failing rank waits for the others to fail too."""
@@ -94,13 +94,13 @@ class Communicator:
         self._mpi, self.comm = mpi, mpi.COMM_WORLD.Dup()
         self._failures = self.comm.Dup()
         self.rank, self.size = self.comm.rank, self.comm.size
-        if os.environ.pop(NAMED, None):
-            sys.stderr.write(f"{RANK}{self.rank} {os.getpid()}\n")
+        if os.environ.pop(PRINT_RANK, None):
+            sys.stderr.write(f"{RANK_PREFIX}{self.rank} {os.getpid()}\n")
         self.local = self.comm.Split_type(mpi.COMM_TYPE_SHARED).rank
         self._asked: Any = None
-        self._said, self._heard = np.zeros(1, np.int8), np.zeros(1, np.int8)
+        self._sent, self._received = np.zeros(1, np.int8), np.zeros(1, np.int8)
         atexit.register(self._settle)
-        self._tell, sys.excepthook = sys.excepthook, self._fail
+        self._previous_hook, sys.excepthook = sys.excepthook, self._fail
         threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
 
     def reaches(self, device: str) -> bool:
@@ -126,11 +126,11 @@ class Communicator:
         _complete(self.comm.Iallgatherv(np.ascontiguousarray(mine), (room, counts)).Test)
         return room
 
-    def of_each(self, mine: float) -> NDArray[Any]:
+    def gather_number(self, mine: float) -> NDArray[Any]:
         """Return a number of each rank, as an array (size,)."""
         return self.gather(np.array([mine]), [1] * self.size)
 
-    def tell_all(self, mine: T) -> list[T]:
+    def allgather(self, mine: T) -> list[T]:
         """Return an object of each rank."""
         self._wait_for_all()
         return list(self.comm.allgather(mine)) if self.shared else [mine]
@@ -139,14 +139,14 @@ class Communicator:
         """Return the function's result, or raise its error, from a call on rank 0 alone."""
         if not self.shared:
             return function()
-        told: tuple[T | None, Exception | None] = None, None
+        outcome: tuple[T | None, Exception | None] = None, None
         if self.rank == 0:
             try:
-                told = function(), None
+                outcome = function(), None
             except Exception as raised:
-                told = None, raised
+                outcome = None, raised
         self._wait_for_all()
-        value, error = self.comm.bcast(told)
+        value, error = self.comm.bcast(outcome)
         if error is not None:
             raise error
         return cast(T, value)
@@ -159,9 +159,9 @@ class Communicator:
         if not self.shared:
             return mine
         self._settle()
-        found = bool(self._heard[0])  # zero at the first call
-        self._said[0] = mine
-        self._asked = self.comm.Iallreduce(self._said, self._heard, self._mpi.MAX)
+        found = bool(self._received[0])  # zero at the first call
+        self._sent[0] = mine
+        self._asked = self.comm.Iallreduce(self._sent, self._received, self._mpi.MAX)
         return found
 
     def _settle(self) -> None:
@@ -186,7 +186,7 @@ class Communicator:
 
     def _fail(self, kind: type[BaseException], error: BaseException, trace: Any) -> None:
         """End all ranks after an uncaught exception: others may wait for this one."""
-        self._tell(kind, error, trace)
+        self._previous_hook(kind, error, trace)
         self.agree_to_fail(f"{kind.__name__}: {error}")
 
     def agree_to_fail(self, line: str) -> None:
@@ -239,18 +239,18 @@ def started_ranks() -> int | None:
 
     None stands for a process that is not a rank, for example one started by a rank.
     """
-    said = [os.environ[name] for name in SIZES if name in os.environ]
-    socket = "" if len(said) > 1 else os.environ.get("PMI_FD", "")  # socket of an outer MPI
+    sizes = [os.environ[name] for name in SIZE_VARIABLES if name in os.environ]
+    socket = "" if len(sizes) > 1 else os.environ.get("PMI_FD", "")  # socket of an outer MPI
     if socket.isdigit() and not Path(f"/dev/fd/{socket}").is_socket():
         return None
-    if not said and "PMIX_RANK" in os.environ:
-        said = [os.environ.get("SLURM_STEP_NUM_TASKS", "0")]
-    return int(said[0]) if said and said[0].isdigit() else None
+    if not sizes and "PMIX_RANK" in os.environ:
+        sizes = [os.environ.get("SLURM_STEP_NUM_TASKS", "0")]
+    return int(sizes[0]) if sizes and sizes[0].isdigit() else None
 
 
 def leave_ranks() -> None:
     """Remove the variables of the launcher, so that this process is independent of ranks."""
-    for name in (*SIZES, *OF_RANKS, "PMI_FD"):
+    for name in (*SIZE_VARIABLES, *RANK_VARIABLES, "PMI_FD"):
         os.environ.pop(name, None)
 
 

@@ -14,7 +14,7 @@ from threadpoolctl import ThreadpoolController
 from swe_sphere.errors import SweError
 
 
-class GivenUp(SweError):
+class StopRequest(SweError):
     """Raised to interrupt a step, because the user asked to stop or the time is used up."""
 
 
@@ -25,12 +25,12 @@ command_began: ContextVar[float] = ContextVar("began")
 
 
 def check_stop() -> None:
-    """Raise GivenUp if the loop that takes the present step is to stop.
+    """Raise StopRequest if the loop that takes the present step is to stop.
 
     Long steps call this function repeatedly, on all ranks at the same point of their work.
     """
     if stop_is_asked.get()():
-        raise GivenUp("the step was interrupted")
+        raise StopRequest("the step was interrupted")
 
 
 def process_age() -> float:

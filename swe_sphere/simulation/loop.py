@@ -12,7 +12,7 @@ from typing import Any, Self
 from swe_sphere.errors import Interrupted, RunFailed, TimedOut
 from swe_sphere.files.user_file import is_custom
 from swe_sphere.planet import DAY
-from swe_sphere.ranks.limits import GivenUp, stop_is_asked
+from swe_sphere.ranks.limits import StopRequest, stop_is_asked
 from swe_sphere.simulation.observers import Callback, HealthCheck, Observer, label, observed
 
 
@@ -158,7 +158,7 @@ class Loop:
         token = stop_is_asked.set(self._is_asked_to_stop)
         try:
             self.sim.take(1)
-        except GivenUp:
+        except StopRequest:
             restore()
         finally:
             stop_is_asked.reset(token)
@@ -179,7 +179,7 @@ class Loop:
 
     def _stop(self) -> None:
         """Raise Interrupted, or TimedOut before the last step, on all ranks."""
-        asked = self.sim.comm.tell_all((self.interruption.received, self._is_late))
+        asked = self.sim.comm.allgather((self.interruption.received, self._is_late))
         for signal_name, _ in asked:
             if signal_name is not None:
                 raise Interrupted(f"interrupted by {signal_name}")

@@ -21,7 +21,7 @@ ROUNDOFFS = 1e3
 # Least reduction of the guess's residual; accepting every guess would be an explicit scheme.
 LEAST_GAIN = 0.5
 
-LAST, ALMOST = 0.7, 0.9
+LAST_STEP, MARGIN = 0.7, 0.9
 """A step is the last one if its estimated error is below the first fraction of the target; the
 linear solve then uses the second fraction of the remaining tolerance."""
 SAFETY = 2.0
@@ -55,8 +55,8 @@ def followed_nonlinearity(norm: float, target: float, nonlinearity: float | None
     if nonlinearity is None:
         return max(FIRST, 0.5 * wanted)
     missed = nonlinearity * norm
-    if missed < LAST * wanted:
-        return ALMOST * math.sqrt(wanted**2 - missed**2)
+    if missed < LAST_STEP * wanted:
+        return MARGIN * math.sqrt(wanted**2 - missed**2)
     eta = max(SAFETY * missed, math.sqrt(wanted), LEAST)
     return max(min(eta, CAP), 0.5 * wanted)
 

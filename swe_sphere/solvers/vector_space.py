@@ -141,7 +141,7 @@ class VectorSpace:
 
     def _least_of_all(self, lowest: float) -> float:
         """Return the least value of all ranks; NaN counts as -infinity."""
-        return float(self._comm.of_each(-math.inf if math.isnan(lowest) else lowest).min())
+        return float(self._comm.gather_number(-math.inf if math.isnan(lowest) else lowest).min())
 
 
 class Masses:

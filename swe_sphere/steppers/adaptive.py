@@ -16,7 +16,7 @@ from swe_sphere.steppers.stepper import STEPPERS, Stepper, Trajectory
 SAFETY = 0.9
 PRESENT, PAST = 0.7, 0.4
 """Exponents of the present and the previous error, times the order."""
-LEAST, MOST = 0.5, 2.0
+MIN_RATIO, MAX_RATIO = 0.5, 2.0
 """Bounds of the ratio of two successive steps."""
 CAUTION = 0.1
 """Fraction of the initial state's time scale that sets the first step."""
@@ -35,12 +35,12 @@ def step_ratio(error: float, before: float, tolerance: float, order: int) -> flo
     doi:10.1145/210232.210242; Hairer & Wanner 1996, IV.2). A previous error of 0 is ignored.
     """
     if not math.isfinite(error):
-        return LEAST
+        return MIN_RATIO
     if error == 0.0:
-        return MOST
+        return MAX_RATIO
     present: float = (tolerance / error) ** (PRESENT / order)
     past = (before / tolerance) ** (PAST / order) if before > 0.0 else 1.0
-    return min(MOST, max(LEAST, SAFETY * present * past))
+    return min(MAX_RATIO, max(MIN_RATIO, SAFETY * present * past))
 
 
 class AdaptiveSteps(Trajectory):
@@ -123,7 +123,7 @@ class AdaptiveSteps(Trajectory):
         solver.loosest = min(self._loosest, needed)
         fault = scheme.attempt(t, dt)
         if fault is not None:
-            self._cut(t, dt, fault, LEAST, "try a finer mesh or more dissipation")
+            self._cut(t, dt, fault, MIN_RATIO, "try a finer mesh or more dissipation")
             return False
         error = scheme.error_estimate() / size
         ratio = step_ratio(error, self._before, self.tolerance, self._power)

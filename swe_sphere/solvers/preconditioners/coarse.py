@@ -113,7 +113,7 @@ def interpolation(mesh: Mesh, space: ElementSpace) -> scipy.sparse.csr_matrix:
     return total
 
 
-MOST = 2 * CONTRIBUTORS
+MOST_CONTRIBUTIONS = 2 * CONTRIBUTORS
 """Largest number of contributions to a function: six at a cube's corner."""
 
 
@@ -141,7 +141,7 @@ class CoarsePart:
             reach = _reach(spaces[0], slopes)
             rows = np.unique(reach.T.tocsr()[self._mine].indices)
             self.functions = np.unique(reach[rows].indices)
-            for rank, elements in enumerate(mesh.comm.tell_all(self._here)):
+            for rank, elements in enumerate(mesh.comm.allgather(self._here)):
                 self._owner[elements] = rank
             needed = np.flatnonzero(self._is_mine[self._numbers].any(axis=1))
             others = set(self._owner[needed].tolist()) - {mesh.comm.rank}
@@ -160,7 +160,7 @@ class CoarsePart:
         size = count * (groups * mesh.lanes + sum(map(len, self._away.values())))
         self._integrals, places = vector(mesh, size + 1), self._places()
         self._local = self._integrals.values[: groups * count].reshape((groups, count))
-        wanted = mesh.comm.tell_all(self._away)
+        wanted = mesh.comm.allgather(self._away)
         sends = {r: places[e[mesh.comm.rank]] for r, e in enumerate(wanted) if mesh.comm.rank in e}
         receives = {r: places[elements] for r, elements in self._away.items()}
         mesh.register_exchange(self._integrals.flat, sends, receives)
@@ -215,7 +215,7 @@ class CoarsePart:
         comm, ring = self._mesh.comm, np.setdiff1d(self.functions, self._mine)
         owner = self._owner_of(ring)
         wanted = {r: ring[owner == r] for r in np.unique(owner).tolist()}
-        told = comm.tell_all(wanted)
+        told = comm.allgather(wanted)
         sends = {r: self.here(of[comm.rank]) for r, of in enumerate(told) if comm.rank in of}
         return sends, {r: self.here(functions) for r, functions in wanted.items()}
 
@@ -231,7 +231,7 @@ class CoarsePart:
         return places
 
     def _contributing(self, places: Integers, size: int) -> NDArray[np.int32]:
-        """Return offsets (n, MOST) of the contributions to each function, in the mesh's order.
+        """Return offsets (n, k) of the contributions to each function, in the mesh's order.
 
         A missing contribution is -1, as for functions of the ring; a fourth after three is `size`.
         """
@@ -240,7 +240,7 @@ class CoarsePart:
         order = np.argsort(row, kind="stable")
         counts = np.bincount(row, minlength=self.functions.size)
         within = np.arange(row.size) - np.repeat(np.cumsum(counts) - counts, counts)
-        table = np.full((counts.size, MOST), -1, dtype=np.int32)
+        table = np.full((counts.size, MOST_CONTRIBUTIONS), -1, dtype=np.int32)
         table[row[order], within] = places[element, slot][order]
         odd = np.flatnonzero(counts % CONTRIBUTORS == 3)
         table[odd, counts[odd]] = size
@@ -301,7 +301,7 @@ class CoarseCorrection:
         if operator.mesh.comm.shared:
             comm, self._smooth_r = operator.mesh.comm, vector(operator.mesh, smooth)
             mine = self._part.owned(np.arange(smooth))
-            owned = {rank: each for rank, each in enumerate(comm.tell_all(mine)) if each.size}
+            owned = {rank: each for rank, each in enumerate(comm.allgather(mine)) if each.size}
             sends = dict.fromkeys(range(comm.size) if mine.size else (), self._part.here(mine))
             self._join = Halo(operator.mesh.launch, self._r.flat, sends, owned, self._smooth_r.flat)
             """The residual of all smooth functions, each from the rank that owns it."""
