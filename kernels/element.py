@@ -45,6 +45,16 @@ def element_sweep(
                     winds[i, j] = wind(geo, a, x, e, i * np_ + j)
 
     @func
+    def finish_node(
+        geo: geometry, x: vector, winds: wp.array2d(dtype=kept), f1: wp.array2d(dtype=kind),
+        f2: wp.array2d(dtype=kind), k: int, e: int, i: int, j: int, out: local, done: done,
+    ):  # fmt: skip
+        s1 = d1(geo.derivative, f1, i, j)
+        s2 = d2(geo.derivative, f2, i, j)
+        r = result(geo, winds[i, j], s1, s2, e, i * np_ + j)
+        store(geo, x, r, k, e, i, j, out, done)
+
+    @func
     def sweep(
         geo: geometry, a: vector, x: vector, at: int, k: int, e: int, n: int, out: local, done: done
     ):
@@ -68,13 +78,11 @@ def element_sweep(
                     f2[i, j] = r2
         for i in range(np_):
             for j in range(np_):
-                if wp.static(to_edges):  # noqa: SIM102 - a static choice needs an if
-                    if i > 0 and i < np_ - 1 and j > 0 and j < np_ - 1:
-                        continue
-                s1 = d1(geo.derivative, f1, i, j)
-                s2 = d2(geo.derivative, f2, i, j)
-                r = result(geo, winds[i, j], s1, s2, e, i * np_ + j)
-                store(geo, x, r, k, e, i, j, out, done)
+                # a `continue` would guard all later nodes: 8 % of a step in the cache
+                if wp.static(not to_edges):  # noqa: SIM114
+                    finish_node(geo, x, winds, f1, f2, k, e, i, j, out, done)
+                elif i == 0 or i == np_ - 1 or j == 0 or j == np_ - 1:
+                    finish_node(geo, x, winds, f1, f2, k, e, i, j, out, done)
 
     return load_winds, sweep
 
