@@ -78,6 +78,6 @@ def shown(value: object) -> str:
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> ConfigError:
     """Return the error for a name that is not among the known ones: the nearest name, then all."""
     names = list(known)
-    near = difflib.get_close_matches(name.lower(), names, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(str(name).lower(), names, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]!r}? There" if near else "there"
     return ConfigError(f"unknown {kind} {shown(name)}; {hint} are: {', '.join(names)}")

@@ -1,7 +1,12 @@
 """Several runs of one simulation, one after the other, and the files that they leave."""
 
+import shlex
+import signal
+import subprocess
 import sys
+import warnings
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +16,8 @@ from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.io.reference_solution import SHIPPED
 from swe_sphere.logs import print_lines
 from swe_sphere.mesh import Mesh
-from swe_sphere.simulation.config import make_config
+from swe_sphere.planet import DAY
+from swe_sphere.simulation.config import Output, make_config
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
 from swe_sphere.simulation.observers import LogLines, Observer, every
 from swe_sphere.simulation.simulation import Simulation, run_scene
@@ -369,3 +375,123 @@ def test_a_table_in_a_notebook_states_why_a_run_stopped():
     assert "no such mesh" in refused._repr_html_()
     statuses = [failed_summary({}, "", status).status for status in (1, 2)]
     assert statuses == ["failed", "refused"]
+
+
+# --- files that are gone, states and signals that changed between two runs
+
+
+def test_a_run_goes_on_without_its_file(tmp_path):
+    one, out, other = small(), tmp_path / "one.nc", tmp_path / "other.nc"
+    one.run(days=0.25, out=out)
+    for end in ("", ".restart"):
+        Path(f"{out}{end}").rename(tmp_path / f"moved.nc{end}")
+    assert one.run(days=0.375).status == "completed"
+    assert one.run(days=0.5, out=other).status == "completed"
+    again = Simulation.from_checkpoint(tmp_path / "moved.nc")
+    for end in ("", ".restart"):
+        (tmp_path / f"moved.nc{end}").unlink()
+    assert again.run(days=0.375, out=out).status == "completed"
+    assert open_run(out).time.values.tolist() == [0.25 * DAY, 0.375 * DAY]
+
+
+def test_a_file_that_could_not_be_opened_is_refused_for_the_same_reason_again(tmp_path):
+    one = small(fields="nonsense")
+    for _ in range(2):
+        with pytest.raises(ConfigError, match="unknown field 'nonsense'"):
+            one.run(days=0.25, out=tmp_path / "run.nc")
+
+
+def test_callbacks_beyond_the_end_change_no_step():
+    frames, times = [], []
+    for late in ([], [every(days=100.123)(lambda sim: times.append(sim.time))]):
+        one = Simulation("williamson2", ne=2, np=4)
+        one.run(days=1.0, callbacks=late, keep=True)
+        frames.append([*one.frames.time.values, one.plan.dt])
+    assert frames[0] == frames[1] and not times
+    assert small().run(days=0.25, callbacks=[every(days=100.123)(print)]).status == "completed"
+
+
+def test_a_checkpoint_resumes_the_outputs_of_its_run(tmp_path):
+    wind = tmp_path / "wind.nc"
+    one = small(outputs=[Output(wind, every=3.0, fields="u,v")])
+    one.run(days=0.25)
+    saved = one.checkpoint(tmp_path / "saved.restart")
+    assert Simulation.from_checkpoint(saved).run(days=0.5).status == "completed"
+    assert (open_run(wind).time.values / 3600.0).tolist() == [0.0, 3.0, 6.0, 9.0, 12.0]
+
+
+def test_an_interrupted_run_has_each_sample_once(tmp_path):
+    def stop(sim):
+        if sim.steps == 5:
+            signal.raise_signal(signal.SIGTERM)
+
+    out = tmp_path / "run.nc"
+    ended = small().run(days=1.0, out=out, callbacks=[stop], raises=False)
+    assert ended.status == "interrupted"
+    assert np.diff(open_run(out).diagnostic_time.values).tolist() == [1800.0] * 5
+    Simulation.from_checkpoint(out).run(days=0.25, out=out)
+    assert (np.diff(open_run(out).diagnostic_time.values) > 0.0).all()
+
+
+def test_the_first_frame_shows_a_state_that_was_changed_between_two_runs(tmp_path):
+    one, out = small(), tmp_path / "run.nc"
+    one.run(days=0.25)
+    before = one.summary["max_wind"]
+    state = one.stepper.state.numpy().copy()
+    state[: 2 * one.mesh.size] *= 0.5
+    one.stepper.state.assign(state)
+    one.run(days=0.375, out=out)
+    assert open_run(out).max_wind.values[0] == pytest.approx(0.5 * before)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_signals_that_are_ignored_stay_ignored(number):
+    before = signal.signal(number, signal.SIG_IGN)
+    try:
+        ended = small().run(days=0.25, callbacks=[lambda sim: signal.raise_signal(number)])
+    finally:
+        signal.signal(number, before)
+    assert ended.status == "completed"
+
+
+def test_a_run_without_stderr(tmp_path):
+    code = (
+        "from swe_sphere import Simulation as S\nprint(S('williamson2', ne=2).run(days=0.1).status)"
+    )
+    command = f"exec {sys.executable} -c {shlex.quote(code)} 2>&-"
+    found = subprocess.run(command, shell=True, stdout=subprocess.PIPE, text=True, check=True)
+    assert found.stdout.strip() == "completed"
+
+
+def test_a_warning_that_is_an_error_leaves_no_file_behind(tmp_path):
+    one = small(outputs=[Output(tmp_path / "gone.nc", every=3.0)])
+    one.run(days=0.25)
+    (tmp_path / "gone.nc").unlink()
+    with warnings.catch_warnings(), pytest.raises(UserWarning, match="does not exist"):
+        warnings.simplefilter("error")
+        one.run(days=0.5)
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_diagnostic_that_is_registered_during_a_run_is_named(tmp_path):
+    def late(sim):
+        DIAGNOSTICS.clear()
+        diagnostic(lambda sim: 1.0, name="late")
+
+    with pytest.raises(RunFailed, match="no series of late"):
+        ended = small().run(days=0.25, out=tmp_path / "run.nc", callbacks=[late])
+        raise RunFailed(ended.reason)
+    assert ended.status == "failed"
+
+
+def test_a_file_does_not_replace_the_diagnostic_of_another_file(tmp_path):
+    files = [tmp_path / "one.py", tmp_path / "two.py"]
+    text = "from swe_sphere import diagnostic\n@diagnostic\ndef kk(sim): return {}"
+    for number, file in enumerate(files):
+        file.write_text(text.format(number))
+    one = small(diagnostics=files[:1])
+    with pytest.raises(ConfigError, match="another file has a diagnostic 'kk'"):
+        small(diagnostics=files[1:])
+    assert one.run(days=0.125)["kk"] == 0.0
+    files[0].write_text(text.format(3))
+    assert small(diagnostics=files[:1]).run(days=0.125)["kk"] == 3.0

@@ -86,6 +86,24 @@ def test_in_python_a_checkpoint_executes_no_code_either(run_with, kind):
     assert Simulation.from_checkpoint("run.nc", trust=["mine.py"]).steps == 3
 
 
+@pytest.mark.parametrize("how", ["settings", "options"])
+def test_a_preconditioner_among_the_settings_is_executed_with_trust_only(swe, run_with, how):
+    run_with("preconditioner")
+    value = {"settings": ["stepper.preconditioner=mine.py"]}
+    if how == "options":
+        value = {"options": {"preconditioner": "mine.py"}}
+    one = Simulation("williamson2", stepper="implicit-midpoint", ne=2, np=4, dt=1800, **value)
+    one.run(days=0.0625, out="other.nc")
+    assert executed()
+    with pytest.raises(ConfigError, match=r"other.nc names the file mine.py.*trust"):
+        Simulation.from_checkpoint("other.nc")
+    assert not executed()
+    assert Simulation.from_checkpoint("other.nc", trust=["mine.py"]).steps == 3
+    Path("mine.py").write_text(CODE["preconditioner"])
+    with pytest.raises(ConfigError, match="has been edited"):
+        Simulation.from_checkpoint("other.nc", trust=["mine.py"])
+
+
 def test_a_picture_executes_no_scene(swe, run_with):
     run_with("scene")
     status, told = swe("plot", "run.nc", "--compare=exact")

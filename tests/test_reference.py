@@ -6,6 +6,7 @@ from dataclasses import replace
 import netCDF4
 import numpy as np
 import pytest
+import xarray as xr
 
 from swe_sphere.analysis.accessor import open_run
 from swe_sphere.equations.effects import Forcing, Orography, Viscosity
@@ -22,6 +23,7 @@ from swe_sphere.io.reference_solution import (
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.build import shipped_solution
+from swe_sphere.simulation.config import Output
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.testcases import get_scene
 
@@ -251,6 +253,43 @@ def test_files_are_compared_with_weights_of_areas(tmp_path):
     found = compare(ours, write_run(tmp_path / "theirs.nc", mesh, others))
     for norm, value in norms(mesh.area, fields["h"], others["h"]).items():
         assert found[norm] == pytest.approx(value, rel=1e-12)
+
+
+def test_the_depth_of_a_reference_is_compared_with_that_of_the_run(tmp_path):
+    """Over orography, where the surface is the error field of the scene."""
+    run, grid = tmp_path / "run.nc", tmp_path / "grid.nc"
+    depth, reference = tmp_path / "depth.nc", tmp_path / "surface.nc"
+    values = {"ne": 2, "np": 4, "dt": 900.0, "days": 0.0625}
+    Simulation("williamson5", **values, outputs=[Output(grid, grid="latlon:32x64")]).run(out=run)
+    with xr.open_dataset(grid) as data:
+        last = data.isel(time=-1)
+        last[["h", "u", "v"]].to_netcdf(depth)
+        (last.h + last.b).rename("surface").to_dataset().to_netcdf(reference)
+        last[["u", "v"]].to_netcdf(tmp_path / "wind.nc")
+    for file in (depth, reference):
+        assert Simulation("williamson5", **values, reference=file).run()["l2_h"] < 1e-6
+    assert compare(run, depth, "h")["l2"] < 1e-6
+    with pytest.raises(ConfigError, match=r"depth.nc holds the depth alone: compare field 'h'"):
+        compare(run, depth, "surface")
+    with pytest.raises(ConfigError, match=r"wind.nc holds neither h nor surface"):
+        Simulation("williamson5", **values, reference=tmp_path / "wind.nc")
+    with pytest.raises(ConfigError, match="is a file that the run reads"):
+        Simulation("williamson5", **values, reference=depth).run(out=depth, overwrite=True)
+
+
+def test_a_grid_of_a_hemisphere(tmp_path):
+    lat, lon, path = np.arange(2.5, 90.0, 5.0), np.arange(0.0, 360.0, 5.0), tmp_path / "half.nc"
+    half = xr.Dataset({"h": (("lat", "lon"), np.ones((18, 72)))}, {"lat": lat, "lon": lon})
+    half.to_netcdf(path)
+    with pytest.raises(ConfigError, match="latitudes must reach from pole to pole"):
+        Reference(path)
+    bounds = np.stack([lat - 2.5, lat + 2.5], axis=1)
+    half.assign(lat_bnds=(("lat", "two"), bounds)).to_netcdf(path)
+    with pytest.raises(ConfigError, match="latitudes must reach from pole to pole"):
+        Reference(path)
+    whole = half.reindex(lat=np.arange(-87.5, 90.0, 5.0), fill_value=1.0)
+    whole.to_netcdf(path)
+    assert Reference(path).area.sum() == pytest.approx(1.0)
 
 
 def test_fields_that_are_not_there(runs):

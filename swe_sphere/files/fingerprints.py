@@ -17,6 +17,7 @@ from swe_sphere.files.durable import contents_of
 NUMBERS = (
     "kernels", "testcases", "mesh", "operators", "equations", "solvers", "steppers", "simulation",
     "files", "io", "ranks", "settings", "studies.sweep", "studies.jobs", "studies.record_store",
+    "analysis.regrid", "analysis.accessor",
 )  # fmt: skip
 """Packages and modules that compute the numbers; reports and the command line only show them.
 

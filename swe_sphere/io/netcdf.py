@@ -214,9 +214,9 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
                 self._growing.add_record(values, wait=False)
 
     def _sample(self, time: float, diagnostics: Mapping[str, float | None]) -> dict[str, float]:
-        """Return a number for every series; raises ValueError for a number without a series."""
-        if unknown := diagnostics.keys() - set(self._series):
-            raise ValueError(f"the first frame had no diagnostics {', '.join(sorted(unknown))}")
+        """Return a number for every series; raises RunFailed for a number without a series."""
+        if late := ", ".join(sorted(diagnostics.keys() - set(self._series))):
+            raise RunFailed(f"{self.path} has no series of {late}: register diagnostics before run")
         numbers = {name: diagnostics.get(name) for name in self._series}
         return {layout.SERIES: time} | {n: math.nan if x is None else x for n, x in numbers.items()}
 

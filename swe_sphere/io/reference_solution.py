@@ -54,8 +54,9 @@ class Reference(Source):
 
     A reference is one state; a regridded run has one for each of its times.
 
-    Areas are shares of the sphere. Raises ConfigError if the file is missing or damaged, or its
-    grid does not cover all longitudes.
+    Files give lat and lon in degrees, and times in `time` or as "day N" in their title. Areas are
+    shares of the sphere. Raises ConfigError if the file is missing or damaged, its longitudes are
+    not an even number, evenly spaced eastward, or its latitudes do not reach from pole to pole.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -83,6 +84,11 @@ class Reference(Source):
             raise ConfigError(
                 f"{self.path}: an even number of longitudes is needed, evenly spaced eastward"
             )
+        ends, beyond = self.lat if bounds is None else bounds, 1e-3
+        if bounds is None:
+            beyond = 1.5 * np.abs(np.diff(self.lat)).max(initial=0.0)
+        if min(-ends.min(), ends.max()) + beyond < np.pi / 2.0:
+            raise ConfigError(f"{self.path}: latitudes must reach from pole to pole")
         self.area = np.repeat(latitude_weights(self.lat, bounds) / count, count)
         self.points = np.tile(self.lon, self.lat.size), np.repeat(self.lat, count)
 
@@ -141,10 +147,13 @@ class OnGrid:
     def errors(self, fields: Mapping[str, Array], height: str) -> Norms:
         """Return errors of height and, as far as the reference has them, of vorticity and wind "v".
 
-        height: "h" or "surface"; "surface" replaces "h" if the reference has no depth.
+        height: "h" or "surface"; the other one replaces it if the reference lacks it.
         """
         has = self._reference.fields.keys()
-        names = {"h": height if height in has or "surface" not in has else "surface"}
+        surface = ("surface" in has or {"h", "b"} <= has) and (
+            height == "surface" or "h" not in has
+        )
+        names = {"h": "surface" if surface else "h"}
         names |= {"vorticity": "vorticity"} if "vorticity" in has else {}
         names |= {"v": "wind"} if {"u", "v"} <= has else {}
         area = self._reference.area
@@ -266,6 +275,9 @@ def _common_field(ours: Source, theirs: Source, field: str | None) -> str:
     field = check_field(field, [*ours.about, *theirs.about], vector=True)
     bottom = next((s.bottom for s in (ours, theirs) if isinstance(s, RunFile)), None)
     without_depth = [r for r in references if "h" not in r.fields]
+    without_bottom = [r for r in references if not r.fields.keys() & {"surface", "b"}]
+    if field == "surface" and without_bottom and bottom is not None and np.any(bottom):
+        raise ConfigError(f"{without_bottom[0].path} holds the depth alone: compare field 'h'")
     if field != "h" or not without_depth:
         return field
     if bottom is not None and np.any(bottom):

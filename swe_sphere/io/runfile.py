@@ -108,6 +108,8 @@ def reading(path: str | os.PathLike[str]) -> Iterator["xr.Dataset"]:
         kind = engine(Path(path))
         if kind == "zarr":
             check_zarr(Path(path))
+        elif Path(path).is_dir():
+            raise ConfigError(f"{path} is a folder: give the name of a file in it")
         elif not Path(path).is_file():
             raise ConfigError(f"there is no file {path}")
     try:

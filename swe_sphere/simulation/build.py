@@ -269,6 +269,9 @@ def start_warp() -> None:
     import warp as wp
 
     wp.config.log_level = wp.LOG_WARNING
+    if sys.stderr is None:  # the process was started without one
+        wp.init()
+        return
     with tempfile.TemporaryFile() as caught:
         sys.stderr.flush()
         stderr = os.dup(2)

@@ -306,11 +306,18 @@ def _is_taken(name: str) -> bool:
 
 
 def load_diagnostics(path: Path) -> None:
-    """Register the diagnostics that a Python file defines; ConfigError if it has none."""
-    before = dict(DIAGNOSTICS)
-    load_file(path, "diagnostic")
+    """Register the diagnostics that a Python file defines.
+
+    Raises ConfigError if the file has none, or one with the name of one of another file.
+    """
+    before, module = dict(DIAGNOSTICS), load_file(path, "diagnostic").__name__
     if before == DIAGNOSTICS:
         raise ConfigError(f"{path} defines no diagnostic: put @diagnostic above a function in it")
+    for name, one in before.items():
+        other = getattr(one.function, "__module__", "")
+        if DIAGNOSTICS[name] is not one and other.startswith("user_") and other != module:
+            DIAGNOSTICS[name] = one
+            raise ConfigError(f"{path}: another file has a diagnostic {name!r}: rename this one")
 
 
 def check_options(stepper: str, options: Iterable[str]) -> None:

@@ -22,8 +22,8 @@ class Interruption:
     The signals are SIGINT, SIGTERM, SIGHUP, and SIGUSR1, by which batch systems warn of the end of
     a job.
 
-    It has no effect outside the main thread, where Python delivers no signals. A SIGHUP that is
-    ignored, as under nohup, stays ignored.
+    It has no effect outside the main thread, where Python delivers no signals. Ignored signals, as
+    SIGHUP under nohup, stay ignored.
     """
 
     def __init__(self) -> None:
@@ -35,10 +35,8 @@ class Interruption:
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
-            numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1]
-            if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
-                numbers.append(signal.SIGHUP)
-            for number in numbers:
+            known = signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP
+            for number in (n for n in known if signal.getsignal(n) != signal.SIG_IGN):
                 self._handlers.callback(signal.signal, number, signal.signal(number, self._note))
         return self
 

@@ -201,6 +201,7 @@ class Recorder(Observer):
         self._output = output
         self.sees_end = output is None
         self._framed: int | None = None  # steps before the last frame
+        self._sampled: int | None = None  # steps before the last sample
         _ = sim.snapshot.own  # on all ranks, before rank 0 needs it
         sim.run_id = sim.comm.on_root(self._open)
 
@@ -222,6 +223,8 @@ class Recorder(Observer):
                 grid = parse_grid(output.grid)
                 at = Interpolator(sim.mesh, *grid.points)
                 transform = partial(on_grid, at=at, grid=grid)
+        if output is not None and sim.steps and not path.exists():
+            sim.warn(f"output: {path} does not exist: it begins at day {sim.time / DAY:.4g}")
         attributes = {"run_id": sim.run_id or uuid.uuid4().hex} | sim.attributes(only)
         self._writer = FrameWriter(
             path, sim.mesh, attributes, bottom=sim.model.bottom, coriolis=sim.model.coriolis,
@@ -234,8 +237,6 @@ class Recorder(Observer):
             name = "out" if output is None else "output"
             also = "" if config.restart else ", or replace it with --overwrite"
             raise ConfigError(f"{name}: {path} belongs to another run: choose another name{also}")
-        if output is not None and sim.steps and not path.exists():
-            sim.warn(f"output: {path} does not exist: it begins at day {sim.time / DAY:.4g}")
         return self._writer.run_id
 
     def write_first(self) -> None:
@@ -254,7 +255,7 @@ class Recorder(Observer):
         if self._output is not None or self.plan.is_frame(snapshot.steps):
             self._frame(snapshot)
             return
-        numbers = snapshot.diagnostics
+        self._sampled, numbers = snapshot.steps, snapshot.diagnostics
         self.sim.comm.on_root(lambda: self._writer.record(snapshot.time, numbers))
 
     def _frame(self, snapshot: Snapshot) -> None:
@@ -266,7 +267,7 @@ class Recorder(Observer):
         if self._output is not None:
             self.sim.comm.on_root(lambda: self._writer.write(snapshot.time, fields))
             return
-        numbers = snapshot.diagnostics
+        numbers = None if self._sampled == steps else snapshot.diagnostics
         arrays = self.sim.restart_arrays()
 
         def write() -> None:

@@ -314,6 +314,7 @@ def plan_run(sim: Any, also: Sequence[float] = ()) -> RunPlan:
     fits too.  also: as in `time_plan`, whose errors are raised.
     """
     config, days, every, done = sim.config, sim.days, sim.config.every, sim.steps
+    also = [time for time in also if time <= days * DAY]  # others never come
     automatic, present = config.dt == "auto", None
     if done:
         try:

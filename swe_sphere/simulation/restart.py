@@ -53,12 +53,11 @@ def appends(config: RunConfig) -> bool:
         return False
     from swe_sphere.io.checkpoint import checkpoint_path  # netCDF4 is slow to import
 
-    return any(_is_restart(path, config) for path in (out, checkpoint_path(out)))
+    return any(_is_same_file(path, config.restart) for path in (out, checkpoint_path(out)))
 
 
-def _is_restart(path: Path, config: RunConfig) -> bool:
-    restart = config.restart
-    return restart is not None and restart.exists() and path.exists() and path.samefile(restart)
+def _is_same_file(path: Path, other: Path | None) -> bool:
+    return other is not None and other.exists() and path.exists() and path.samefile(other)
 
 
 def check_paths(config: RunConfig) -> None:
@@ -83,11 +82,8 @@ def check_paths(config: RunConfig) -> None:
         if path.resolve() in seen:
             raise ConfigError(f"{name}: {path} would be written twice: choose another name")
         seen |= {path.resolve(), checkpoint_path(path.resolve())}
-        begun = config.initial
-        if begun and path.exists() and begun.exists() and path.samefile(begun):
-            raise ConfigError(
-                f"{name}: {path} is the file from which the run starts: choose another name"
-            )
+        if _is_same_file(path, config.initial) or _is_same_file(path, config.reference):
+            raise ConfigError(f"{name}: {path} is a file that the run reads: choose another name")
         if len(path.name.encode()) > LONGEST_NAME:
             raise ConfigError(
                 f"{name}: {shown(path.name)} is too long: take at most {LONGEST_NAME} bytes"
@@ -110,7 +106,7 @@ def check_paths(config: RunConfig) -> None:
     if out.exists():
         raise ConfigError(f"out: {out} {_contents(out)}, or replace it with --overwrite")
     checkpoint = checkpoint_path(out)
-    if checkpoint.exists() and not _is_restart(checkpoint, config):
+    if checkpoint.exists() and not _is_same_file(checkpoint, config.restart):
         raise ConfigError(
             f"out: {checkpoint} exists already, without its frames: choose another name, or"
             " replace it with --overwrite"
@@ -134,7 +130,7 @@ def _contents(out: Path) -> str:
     )
 
 
-DIAGNOSTICS = "diagnostics of "
+DIAGNOSTICS_PREFIX = "diagnostics of "
 """Beginning of the names of files with diagnostics among the sources of a run."""
 COUNTER = "counter_"
 """Beginning of the names of counters among the arrays of a checkpoint."""
@@ -173,28 +169,32 @@ class Restart:
     def adopt(self, config: RunConfig) -> RunConfig:
         """Return the configuration, with the values of the earlier run for unset options."""
         kept = {name: value for name, value in self.table().items() if name in INHERITED}
-        for name in ("stepper", "preconditioner"):  # each may be a Python file
-            if name not in config.model_fields_set:
-                check_trusted(kept.get(name), self.path, config.trust)
+        merged = make_config(overridden(kept, config.given()) | {"restart": self.path})
+        for ours, theirs in (  # each may be a Python file
+            (config.given().get("stepper"), merged.stepper),
+            (_preconditioner(config), _preconditioner(merged)),
+        ):
+            if ours != theirs:
+                check_trusted(theirs, self.path, config.trust)
         if "diagnostics" not in config.model_fields_set:
             before = self.table("identity").get("sources")
-            for file in make_config(kept | {"scene": config.scene}).diagnostics:
+            for file in merged.diagnostics:
                 check_trusted(file, self.path, config.trust, is_code=True)
                 file_contents(file, "diagnostic")  # a file that is missing is an error
-                label, now = f"{DIAGNOSTICS}{file}", file_fingerprint(file)
+                label, now = f"{DIAGNOSTICS_PREFIX}{file}", file_fingerprint(file)
                 if isinstance(before, dict) and before.get(label, now) != now:
                     raise ConfigError(
                         f"{file} has been edited since {self.path} was begun: give it again"
                         f" (--diagnostics {file})"
                     )
-        return make_config(overridden(kept, config.given()) | {"restart": self.path})
+        return merged
 
     def check(self, identity: dict[str, object]) -> None:
         """Raise ConfigError with the first difference between a run and the earlier one."""
         theirs, ours = self.table("identity"), json.loads(json.dumps(identity))
         before = theirs.get("sources")
         for name, contents in ours.pop("sources").items():
-            if name.startswith(DIAGNOSTICS):
+            if name.startswith(DIAGNOSTICS_PREFIX):
                 continue  # the numbers of the run do not depend on it
             if not isinstance(before, dict) or before.get(name) != contents:
                 raise ConfigError(
@@ -268,7 +268,7 @@ def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
     """Return all data that a run must share with another one to resume it."""
     from swe_sphere.steppers import get_stepper
 
-    methods = {"stepper": config.stepper, "preconditioner": config.preconditioner}
+    methods = {"stepper": config.stepper, "preconditioner": _preconditioner(config)}
     return {
         "scene": scene.name,
         "stepper": get_stepper(config.stepper).name,
@@ -286,6 +286,10 @@ def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
     }
 
 
+def _preconditioner(config: RunConfig) -> Any:
+    return config.settings_of("stepper").get("preconditioner")
+
+
 def run_sources(
     name: str, scene: Scene, diagnostics: Iterable[Path] = (), **methods: str | None
 ) -> dict[str, str]:
@@ -300,7 +304,7 @@ def run_sources(
         files = scene_files(name)
         labels = (SCENE_FILE, *(os.path.relpath(path, files[0].parent) for path in files[1:]))
         found = {label: file_fingerprint(path) for label, path in zip(labels, files, strict=False)}
-        found |= {f"{DIAGNOSTICS}{file}": file_fingerprint(file) for file in diagnostics}
+        found |= {f"{DIAGNOSTICS_PREFIX}{each}": file_fingerprint(each) for each in diagnostics}
         for what, file in methods.items():
             if file and is_user_file(file):
                 found[f"the {what}'s file"] = file_fingerprint(Path(file))

@@ -495,7 +495,8 @@ class Simulation(NotCopyable):
             outputs: further files, by default those of the last run, which they continue.
             callbacks: functions of the simulation, called after every step or when `every` says;
                 or observers.
-            time_limit: wall time that the run may take [s], start-up and writing included.
+            time_limit: wall time from this call [s], compiling and writing included; within the
+                command, from the start of the process.
             overwrite: replace existing files; a run that has reached its end begins again.
             keep: keep the frames in memory, as `frames`.
             progress: whether to show a bar; None: in a notebook or on a terminal.
@@ -512,10 +513,12 @@ class Simulation(NotCopyable):
         """
         since = command_began.get(time.monotonic())
         asked: dict[str, Any] = {"days": days, "every": every, "time_limit": time_limit, "out": out}
-        asked |= {"overwrite": overwrite or None, "restart": self._continues, "outputs": outputs}
+        continues = self._continues if self._continues and self._continues.exists() else None
+        asked |= {"overwrite": overwrite or None, "restart": continues, "outputs": outputs}
         asked = {name: value for name, value in asked.items() if value is not None}
         kept = self._configured.given()
-        kept = {k: v for k, v in kept.items() if k not in ("out", "overwrite", "plot", "live")}
+        ended = ("out", "overwrite", "plot", "live", "restart")  # options of earlier runs
+        kept = {k: v for k, v in kept.items() if k not in ended}
         kept["outputs"] = self.config.outputs
         config = make_config(kept | asked)
         observers = read_callbacks(callbacks)
@@ -536,6 +539,7 @@ class Simulation(NotCopyable):
         self._warn_of_run()
         steps = self.plan.steps - self.steps
         LOGGER.debug("%r begins: %d steps of %.6g s", self, steps, self.plan.dt)
+        self.release()  # the state may have been changed since
         self._kept = Keeper() if keep else None
         if self._kept is not None:
             observers.append(self._kept)
@@ -567,7 +571,6 @@ class Simulation(NotCopyable):
                     f"out: {config.out} is replaced and begins at day {day}: leave overwrite"
                     " out to continue the file, or call reset() before run()"
                 )
-            self._continues = config.out.resolve()
         with ExitStack() as opened:
             for output in wanted:
                 files.append(Recorder(self, output))
@@ -575,6 +578,8 @@ class Simulation(NotCopyable):
             for file in files:
                 file.write_first()
             opened.pop_all()
+        if config.out is not None:
+            self._continues = config.out.resolve()
         return files
 
     def _warn(self, text: str) -> None:
@@ -790,10 +795,12 @@ class Simulation(NotCopyable):
         from swe_sphere.io.layout import plain
 
         self._begin_once()
+        self.release()  # the state may have been changed since
         HealthCheck(self).observe(self.snapshot)
         path = Path(path)
         arrays = dict(self.restart_arrays())
-        checkpoint = Checkpoint(arrays, self.steps, plain(self.attributes()))
+        attributes = self.attributes() | ({"run_id": self.run_id} if self.run_id else {})
+        checkpoint = Checkpoint(arrays, self.steps, plain(attributes))
 
         def write() -> None:
             with clear_errors(f"cannot write {path}", RunFailed):
@@ -842,7 +849,10 @@ def _read_reference(path: Path | None) -> Reference | None:
         return None
     from swe_sphere.io.reference_solution import Reference  # needs scipy's splines
 
-    return Reference(path)
+    reference = Reference(path)
+    if not reference.fields.keys() & {"h", "surface"}:
+        raise ConfigError(f"reference: {path} holds neither h nor surface: take another file")
+    return reference
 
 
 def _begun(value: T | None) -> T:
