@@ -76,6 +76,8 @@ def plausible_sweep(scene: str = "williamson5", meshes=((16, 4),), seed: int = 1
          "cpu_seconds": np.nan},
         {**runs[0], "scene": scene, "stepper": "bdf2", "dt": 86400.0, "status": "solver-failed",
          "errors": {}, "reason": "Newton's method did not converge at t = 86400 s | 30 iterations"},
+        {**runs[0], "scene": scene, "stepper": "rk4", "dt": 20.0, "role": "converged",
+         "errors": {("time", "h"): 2.4e-7}},
         {**runs[0], "scene": scene, "stepper": "ars343", "dt": 1e6, "status": "refused",
          "errors": {}, "reason": "a step of 1e6 s is longer than the run", "cpu_seconds": np.nan},
     ]  # fmt: skip

@@ -82,6 +82,14 @@ def test_what_cannot_be_advised_on_is_one_line(arguments, line, capsys) -> None:
     assert line in err and err.count("\n") == 1
 
 
+def test_a_reference_that_becomes_unstable_is_blamed(swe):
+    status, _, told = swe(
+        "advise", "galewsky", "--set", "scene.speed=250", "--error", "1e-3", "--ne", "2",
+        "--steppers", "rk4", "--days", "2", "--np", "4",
+    )  # fmt: skip
+    assert status == 2 and "the reference run fails" in told
+
+
 def test_an_error_that_nothing_keeps_to_is_told(capsys) -> None:
     """One below that of the reference run, and one that no stepper reaches within the budget."""
     given = ("lauter", "--ne", "2", "--days", "0.1", "--steppers", "rk4", "--error")

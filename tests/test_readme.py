@@ -216,8 +216,12 @@ def test_the_commands_work(lines, files_of_the_reader, done, ranks, tmp_path, mo
     """
     shutil.copytree(files_of_the_reader, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    ended = xr.Dataset({"status": ("run", ["completed"]), "role": ("run", ["grid"])})
-    monkeypatch.setattr("swe_sphere.cli.sweep.run_sweep", lambda *_: ended)
+
+    def run_sweep(plan, folder, watcher):
+        watcher.completed = True
+        return xr.Dataset()
+
+    monkeypatch.setattr("swe_sphere.cli.sweep.run_sweep", run_sweep)
     sweeps = ("cli.sweep._show_sweep", "cli.sweep._begun", "cli.sweep._by_name")
     for name in (*sweeps, "studies.report.write_report"):
         monkeypatch.setattr(f"swe_sphere.{name}", lambda *_, **__: ())

@@ -164,8 +164,9 @@ def ranked(*runs, levels=(), **attributes):
 
 
 def test_a_target_that_is_not_resolved_is_kept_and_nobody_reaches_it():
-    rows = rows_of(*(run(n, 1.0, 1.0) | {"errors": {("time", "h"): 0.0}} for n in ("rk4", "bdf2")))
-    (found,) = rankings(rows, metrics(rows), "here", own=2e-11, levels=[1e-3, 1e-13])
+    runs = [run(n, 1.0, 1.0) | {"errors": {("time", "h"): 0.0}} for n in ("rk4", "bdf2")]
+    reference = run("rk4", 1.0, 1.0, role="converged") | {"errors": {("time", "h"): 2e-11}}
+    (found,) = ranked(*runs, reference, levels=[1e-3, 1e-13])
     assert found.targets == [1e-3, 1e-13]
     assert len(found.winners(0)) == 2 and found.winners(1).empty
     assert found.note == (

@@ -130,6 +130,12 @@ def test_failed_runs_are_told_below_the_table(swe):
     assert "is NaN in u, v, h at day" in out or "the depth is not positive" in out
 
 
+def test_a_table_that_is_not_printed_is_not_explained(swe):
+    status, out, err = swe("lake-at-rest", "--steppers", "rk4", "--dt", 3600, *TINY)
+    assert (status, err) == (0, "")
+    assert out == "All errors on lake-at-rest, ne2 np4 are zero.\nd/index.html\n"
+
+
 def test_a_report_can_be_made_again(swe, tmp_path):
     grid = ("lauter", "--steppers", "rk4", "--dt", 3600, *TINY)
     _, first, _ = swe(*grid)
@@ -270,6 +276,13 @@ def test_a_search_of_which_nothing_can_run_says_why(swe):
     status, out, err = swe(*asked, *TINY)
     assert status == 1 and "semi-implicit, ne2 np4 float64: scene williamson1 has no" in err
     assert "williamson1: no run has an error that could be compared" in out
+
+
+def test_the_status_is_that_of_the_runs_of_the_request(swe):
+    """Not that of runs which an earlier request left in the folder."""
+    assert swe("lauter", "--steppers", "rk4", "--dt", 3600, *TINY)[0] == 0
+    assert swe("lauter", "--steppers", "leapfrog", "--dt", 10800, *TINY)[0] == 1
+    assert swe("lauter", "--steppers", "rk4", "--dt", 3600, *TINY)[0] == 0
 
 
 def test_notes_are_those_of_the_sweeps_that_have_them(swe, tmp_path):

@@ -59,8 +59,7 @@ def sweep(
         kept = f"; {folder} keeps all finished runs; the same command resumes the sweep"
         with _watched(plan.scene, quiet, kept) as terminal:
             dataset = datasets[folder] = run_sweep(plan, folder, terminal)
-        compared = dataset["status"].where(dataset["role"].isin(["grid", "target"]))
-        completed |= bool((compared == "completed").any())
+        completed |= terminal.completed
         if not quiet:
             _show_sweep(dataset)
     from swe_sphere.studies.report import write_report  # matplotlib is slow to import
@@ -151,5 +150,5 @@ def _show_rankings(found: Sequence[Ranking]) -> None:
             heads, *lines = ([cell.replace(", ", "\n") for cell in line]
                              for line in (ranking.heads, *ranking.body))  # fmt: skip
             print_table([*heads[:-1], "smallest\nerror"], lines)
-    if found:
-        typer.echo(found[-1].caption)
+    if tables := [ranking for ranking in found if ranking.answered is not None]:
+        typer.echo(tables[-1].caption)

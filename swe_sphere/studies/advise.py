@@ -99,13 +99,15 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
     })  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         dataset = run_sweep(plan, Path(folder), watcher)
-    own = float(dataset.attrs["converged_check"])
-    if not target >= own:
-        raise ConfigError(
-            f"error: {target:.2g} cannot be measured, as the error of the reference run is"
-            f" {own:.2g}: give a larger error"
-        )
+    reference = dataset.isel(run=(dataset["role"] == "converged").values)
+    if (failed := reference["reason"][(reference["status"] != "completed").values]).size:
+        raise ConfigError(f"the reference run fails: {failed.values[0]}")
     for ranking in sweep_rankings(dataset):
+        if target < 2.0 * ranking.floor:
+            raise ConfigError(
+                f"error: {target:.2g} cannot be measured, as the error of the reference run is"
+                f" {ranking.floor:.2g}: give an error of more than twice this"
+            )
         for best in ranking.winners(0).to_dict("records"):
             named = {get_stepper(name).name: name for name in question.steppers}
             chosen = {"stepper": named[best["stepper"]], "dt": float(f"{best['dt']:.5g}")}

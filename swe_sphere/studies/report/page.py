@@ -1,7 +1,6 @@
 """A sweep as a page: one self-contained HTML file, and for recipes a Markdown file too."""
 
 import json
-import math
 import os
 import re
 from collections.abc import Mapping
@@ -96,12 +95,10 @@ def read_sections(datasets: Dataset | Mapping[str, Dataset]) -> list[Section]:
     sections = []
     for title, dataset in datasets.items():
         plan = json.loads(dataset.attrs.get("plan", "{}"))
-        own = float(dataset.attrs.get("converged_check", math.nan))
         levels = np.atleast_1d(plan.get("target_error") or [])
         for where, runs in read_runs(dataset).groupby(["scene", "mesh"], sort=False):
-            tried = runs[runs["role"] == "target"] if levels.size else runs
-            found = _searched(tried, plan) if levels.size else metrics(runs)
-            ranked = rankings(tried, found, ", ".join(where), own, levels.tolist())
+            found = _searched(runs, plan) if levels.size else metrics(runs)
+            ranked = rankings(runs, found, ", ".join(where), levels.tolist())
             sections.append(Section(title, where[1], dataset, runs, ranked))
     return sections
 

@@ -18,10 +18,8 @@ from xarray import Dataset
 from swe_sphere.errors import ConfigError
 from swe_sphere.studies import words
 from swe_sphere.studies.pages import prose
-from swe_sphere.studies.sweep.record import FIELDS, UNITS, WORDS
+from swe_sphere.studies.sweep.record import COMPARED, FIELDS, UNITS, WORDS
 
-COMPARED = ("grid", "target")
-"""Roles of runs that represent a setting; the other runs find limits and references."""
 ERROR = ("kind", "field", "norm", "report_day")
 """Dimensions of the errors of a run, in the order of the fields of `Metric`."""
 
@@ -88,7 +86,7 @@ def read_runs(dataset: Dataset) -> pd.DataFrame:
 
     Further columns: cost: time that runs are ranked by [s], NaN if none was measured; least, most:
     the shortest and the longest time that cannot be distinguished from it; compared: whether a run
-    reached its end and stands for a setting that a user could choose; ended: how it ended, in
+    reached the end of the last request and stands for a setting of users; ended: how it ended, in
     words; curve, line: label and style of its curve; requested_days: length of the runs of the last
     request; multiples of limits, and counts per step.
 
@@ -103,15 +101,16 @@ def read_runs(dataset: Dataset) -> pd.DataFrame:
     variables = {str(n): of.values for n, of in dataset.items() if of.dims == ("run",)}
     columns: dict[Any, Any] = variables | dict(zip(which, values.T, strict=True))
     runs = pd.DataFrame(columns, pd.RangeIndex(1, dataset.sizes["run"] + 1))
-    days = json.loads(dataset.attrs.get("plan", "{}")).get("days", np.inf)
-    runs = runs.assign(**_derived(runs), curve="", line="", requested_days=days)
+    days = json.loads(dataset.attrs.get("plan", "{}")).get("days")
+    known = runs["days_planned"] if days is None else [days]
+    runs = runs.assign(**_derived(runs, known), curve="", line="", requested_days=days or np.inf)
     for _, members in runs.groupby(["mesh", "stepper"]):
         _name_curves(runs, members)
     return runs
 
 
-def _derived(runs: pd.DataFrame) -> dict[str, Any]:
-    """Return columns that follow from the variables of a dataset."""
+def _derived(runs: pd.DataFrame, days: Iterable[float]) -> dict[str, Any]:
+    """Return columns that follow from the variables of a dataset; days: of comparable runs."""
     on_cpu = runs["device"] == "cpu"
     cost = runs["cpu_seconds"].where(on_cpu, runs["wall_seconds"])
     spread = runs["spread"].where(np.isfinite(runs["spread"]))
@@ -127,7 +126,7 @@ def _derived(runs: pd.DataFrame) -> dict[str, Any]:
     return dict(
         number=runs.index, cost=cost, timed=np.isfinite(cost), least=cost / known,
         most=cost * known, clock=np.where(on_cpu, "CPU time", "wall time"), completed=completed,
-        compared=completed & runs["role"].isin(COMPARED),
+        compared=completed & runs["role"].isin(COMPARED) & runs["days_planned"].isin(days),
         ended=runs["status"].where(told, runs["status"] + ": " + runs["reason"]),
         mesh=[*meshes],
         gravity_multiple=runs["dt"] / gravity, advective_multiple=runs["dt"] / advective,
@@ -139,7 +138,7 @@ def _derived(runs: pd.DataFrame) -> dict[str, Any]:
 def _name_curves(runs: pd.DataFrame, members: pd.DataFrame) -> None:
     """Set label and style of the runs of one stepper on one mesh."""
     variants = members[[*VARIANT]].astype(object)
-    for name in VARIANT:  # a run that never began may lack a value
+    for name in VARIANT[:3]:  # a run that never began may lack a value; no settings are a choice
         if len(only := {*variants[name]} - {""}) == 1:
             variants[name] = only.pop()
     variants["preconditioner"] = variants["preconditioner"].replace("none", "no preconditioner")
@@ -284,21 +283,21 @@ class Ranking:
 
 
 def rankings(
-    runs: pd.DataFrame, found: Sequence[Metric], where: str, own: float = math.nan,
-    levels: Sequence[float] = (),
-) -> list[Ranking]:  # fmt: skip
+    runs: pd.DataFrame, found: Sequence[Metric], where: str, levels: Sequence[float] = ()
+) -> list[Ranking]:
     """Return a ranking for each kind of error: the first is the decisive one.
 
-    runs: of one mesh. where: name of scene and mesh. own: error in time of the converged run;
-    smaller targets are omitted. levels: the targets; none: round ones that steppers reach.
+    runs: of one mesh; targets below the error of its converged run are omitted. where: name of
+    scene and mesh. levels: the targets; none: round ones that steppers reach.
     """
     by_name, made = {(metric.kind, metric.field): metric for metric in found}, []
     for kind, order in ANSWERED.items():
         metric = next((by_name[kind, of] for of in order if (kind, of) in by_name), None)
         if metric is None or (best := smallest(runs, metric)).empty:
             continue
-        # the check of the converged run is on its depth
-        resolved = own if (kind, metric.field) == ("time", "h") and own > 0.0 else 0.0
+        references = runs[(runs["role"] == "converged") & (kind != "total")]
+        finest = references.groupby("settings")[metric].min()  # NaN does not count
+        resolved = float(np.nan_to_num(finest.max()))
         wanted = sorted({*levels}, reverse=True) or targets(best[metric], resolved)
         columns = [cheapest(runs, metric, t) if t >= resolved else best.head(0) for t in wanted]
         table = pd.DataFrame({i: of.set_index("curve")["number"]
@@ -306,6 +305,6 @@ def rankings(
         table = table.fillna(0).astype(int)
         costs = table.apply(lambda numbers: numbers.map(runs["cost"])).fillna(math.inf)
         table = table.loc[costs.sort_values([*costs]).index]
-        note = prose("unresolved", wanted[-1], own) if wanted and wanted[-1] < resolved else ""
+        note = prose("unresolved", wanted[-1], resolved) if wanted and wanted[-1] < resolved else ""
         made.append(Ranking(where, metric, wanted, runs, table, note, resolved))
     return made

@@ -42,6 +42,8 @@ TRIAL_GROWTH = {True: 1.12, False: 2.0}
 """Ratio of trial steps in the search for a limit, with and without a limit from theory."""
 FARTHEST = {"gravity_limit": 64.0, "advective_limit": 8.0}
 """A search for an error begins with a step of at most the largest of these multiples of limits."""
+FINEST = 0.1
+"""Least common measure of report times, in gravity limits: every step divides it."""
 AGREE = 0.03
 """Runs are repeated until their two shortest times differ by at most this fraction."""
 MOST_REPEATS = 3
@@ -75,7 +77,8 @@ def sweep(
     Numbers registered with `diagnostic` become variables of the dataset.
 
     Returns:
-        The dataset of `build_dataset`, a row for each setting.
+        The dataset of `build_dataset`: a row (dimension `run`) for each run, of the `role` grid,
+        target, stability or converged. `error` is (run, kind, field, norm, report_day [days]).
 
     Raises:
         ConfigError: the sweep cannot be run as requested.
@@ -166,6 +169,11 @@ class Sweep:
         plan = self._plan
         with self._runner.interruption:
             for space in self._study.spaces():
+                if self._study.interval < FINEST * space.limits["gravity_limit"]:
+                    raise ConfigError(
+                        f"report-days: steps of {self._study.interval:.4g} s would be needed to"
+                        " meet all of these days: take multiples of a longer time"
+                    )
                 self._evaluator.converged(space)
             if plan.jobs > 1:
                 parts = self._parts()
@@ -211,7 +219,8 @@ class Sweep:
     def _time(self, runs: list[RunSpec]) -> None:
         """Repeat all runs in rounds, so that a busy phase of the machine affects many of them.
 
-        Each completed run is repeated until its shortest times agree.
+        Each completed run is repeated until its shortest times agree, it has been run MOST_REPEATS
+        times the requested number of repeats, or the budget is spent.
         """
         while self._left > 0.0 and (pending := [run for run in runs if self._wants_repeat(run)]):
             self._watcher.expect(len(pending))
@@ -294,8 +303,11 @@ class Sweep:
                 raise NoStepError(f"no step is accurate enough within its share of {budget}")
             self._watcher.expect(1)
             self._runner.time_limit = left if math.isfinite(left) else None
-            tried[run] = self._runner.run(run, self._evaluator)
-            return self._error(tried[run])
+            record = tried[run] = self._runner.run(run, self._evaluator)
+            late = [of for of in tried.values() if of.status == "timed-out"]
+            if len(late) > 1:  # still shorter steps take longer
+                raise NoStepError(f"dt = {dt:.4g} s: {record.reason}")
+            return self._error(record)
 
         limits, budget = integrator.space.limits, f"{self._plan.budget or math.inf:g} s"
         longest = max(part * limits[name] for name, part in FARTHEST.items())
@@ -304,21 +316,16 @@ class Sweep:
         try:
             longest_accurate(error, target, longest, shortest)
         except NoStepError as none:
+            last = [*tried.values()][-1:]
+            if last and last[0].status not in ("completed", "timed-out"):
+                return f"even with dt = {last[0].config.dt:.4g} s: {last[0].reason}"
             return str(none)
         return ""
 
     def _error(self, record: RunRecord) -> float:
         """Return the error at the end of a run in the plan's norm; infinite if the run failed."""
-        plan = self._plan
-        field = "vorticity" if plan.target_kind == "slow" else plan.target_field
-        found: dict[str, float | None] = {
-            error.kind: getattr(error, plan.target_norm)
-            for error in record.errors
-            if (error.field, error.day) == (field, self._study.days)
-        }
-        auto = "total" if "total" in found else "time"
-        value = found.get(auto if plan.target_kind == "auto" else plan.target_kind)
-        return math.inf if value is None else value
+        value = getattr(self._study.searched(record.errors), self._plan.target_norm, None)
+        return math.inf if value is None else float(value)
 
 
 def making_parts(plan: SweepPlan, folder: Path) -> Callable[[Part], None]:

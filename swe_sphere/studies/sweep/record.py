@@ -23,13 +23,15 @@ from swe_sphere.io.integrals import DRIFTS, Norms
 from swe_sphere.settings.values import flag_of, read_toml
 from swe_sphere.simulation.config import RunConfig, SharedConfig
 from swe_sphere.studies.record_store import ENDS, Record, Store, as_netcdf, read_record
-from swe_sphere.studies.sweep.runs import Role, Study
+from swe_sphere.studies.sweep.runs import DIAGNOSTIC, Role, Study
 
 HEADER, RUNS, DATASET = "sweep.json", "runs", "sweep.nc"
 """Names of the file with the request, of the folder of the runs, of the dataset."""
 
 _ROWS = read_toml(Path(__file__).with_name("rows.toml"))
 KINDS, FIELDS, NORMS = _ROWS["kinds"], _ROWS["fields"], _ROWS["norms"]
+COMPARED = ("grid", "target")
+"""Roles of runs that represent a setting; the other runs find limits and references."""
 CLOCKS = ("cpu_seconds", "wall_seconds")
 """Clocks by which runs on a CPU, and on other devices, are compared."""
 MESH, COUNTS, WORDS = _ROWS["mesh"], _ROWS["counts"], _ROWS["words"]
@@ -116,8 +118,13 @@ def current(runs: Iterable[RunRecord], sources: Mapping[str, str]) -> list[RunRe
 
 
 def _changed(of: Mapping[str, str], sources: Mapping[str, str]) -> list[str]:
-    """Return the names of sources that have changed; sources of only one side are ignored."""
-    return [name for name in sources if of.get(name, sources[name]) != sources[name]]
+    """Return the names of sources that have changed; those of only one side are ignored.
+
+    A run without a diagnostic that is registered now has changed, too.
+    """
+    ours = {name: sources[name] for name in sources if not name.startswith(DIAGNOSTIC)}
+    ours |= of
+    return [name for name in sources if ours.get(name) != sources[name]]
 
 
 def note_plan(folder: Path, runs: list[RunRecord], study: Study, sources: dict[str, str]) -> str:
@@ -137,7 +144,7 @@ def note_plan(folder: Path, runs: list[RunRecord], study: Study, sources: dict[s
         )
     now = Header(
         scene=scene.name, title=scene.title, sources=sources,
-        plan=study.plan.model_dump(mode="json", exclude_defaults=True),
+        plan=study.plan.model_dump(mode="json", exclude_defaults=True) | {"days": study.days},
         machine=f"{processor()}, {platform.system()}", cores=os.cpu_count(), versions=versions(),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
     )  # fmt: skip
@@ -184,7 +191,8 @@ def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
         name: json.dumps(value) if isinstance(value, dict) else value for name, value in header
     }
     attributes["title"] = f"time steps and cost: {header.title}"
-    attributes["converged_dt"], attributes["converged_check"] = _converged(records)
+    asked = [run for run in records if run.config.days == header.plan.get("days", run.config.days)]
+    attributes["converged_dt"], attributes["converged_check"] = _converged(asked)
     return xr.Dataset(data, attrs=attributes)
 
 

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,7 @@ from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.summary import Summary
 from swe_sphere.steppers.stage_solver import energy_weights
 from swe_sphere.studies.record_store import UNEXPECTED, Store, as_netcdf, stepped
-from swe_sphere.studies.sweep.record import COUNTS, Errors, RunRecord, current
+from swe_sphere.studies.sweep.record import COMPARED, COUNTS, Errors, RunRecord, current
 from swe_sphere.studies.sweep.runs import Discretisation, History, Integrator, RunSpec, Study
 
 KEPT = ("u", "v", "h", "vorticity")
@@ -57,6 +58,8 @@ class SweepWatcher:
 
     def __init__(self, title: str = "", quiet: bool = True) -> None:
         self._quiet, self._label, self._steps = quiet, "", 0
+        self.completed = False
+        """True if a run of the request, not one of its references, has reached its end."""
         self._bar: Any = tqdm(
             total=0, desc=title, unit="run", leave=False, file=sys.stderr,
             disable=quiet or not sys.stderr.isatty(),
@@ -214,7 +217,9 @@ class Runner:
         A run that exceeded the time limit counts only if it would exceed the present one too.
         """
         record = self._known.get((spec.key, repeat))
-        if record is None or record.status != "timed-out":
+        if record is None or record.status == "failed" or record.reason.startswith("MemoryError"):
+            return None
+        if record.status != "timed-out":
             return record
         had, has = record.time_limit, self.time_limit
         return record if has is not None and had is not None and has <= had else None
@@ -239,6 +244,7 @@ class Runner:
             record, fields = self.make(spec, self.time_limit, repeat)
             errors = evaluate(spec.integrator.space, fields) if evaluate else []
             record = self.keep(record.model_copy(update={"errors": errors}))
+        self._watcher.completed |= record.status == "completed" and spec.role in COMPARED
         self._watcher.done()
         return record
 
@@ -277,6 +283,9 @@ CONVERGED = "converged"
 """Folder of the fields of reference runs."""
 STEPPER, PART = "rk4", 0.25
 """Explicit stepper of the time-converged run, and its step as a fraction of the limit."""
+RESOLVED, HALVINGS = 0.2, 2
+"""Largest error of the time-converged run as a fraction of the smallest target, and the largest
+number of times that its step is halved for it."""
 
 
 class Evaluator:
@@ -306,7 +315,8 @@ class Evaluator:
         """Return the fields at report days of a time-converged run on the same mesh in float64.
 
         A second run with twice the step yields the time errors of both runs by Richardson
-        extrapolation; the records of both runs contain these errors and total errors.
+        extrapolation; the records of both runs contain these errors and total errors. Steps are
+        halved until the errors of a search are resolved.
         """
         key = (space.mesh.ne, space.mesh.np)
         if key not in self._converged:
@@ -314,29 +324,48 @@ class Evaluator:
             integrator = study.integrator(study.at(*key), STEPPER)
             longest = 2.0 * PART * integrator.stable_dt
             twice = study.steps(min(longest, study.interval), automatic=True)
-            once = replace(twice, dt=0.5 * twice.dt, steps=2 * twice.steps,
-                           frame_steps=2 * twice.frame_steps)  # fmt: skip
-            coarse, fine = (
-                RunSpec(integrator, steps.dt, steps, "converged", integrator.refusal)
-                for steps in (twice, once)
-            )
-            if self._kept(fine) is None:
-                self._compare(coarse, fine)
+            plans = [
+                replace(twice, dt=twice.dt / n, steps=n * twice.steps,
+                        frame_steps=n * twice.frame_steps)
+                for n in (2**halvings for halvings in range(HALVINGS + 2))
+            ]  # fmt: skip
+            for pair in pairwise(plans):
+                coarse, fine = (
+                    RunSpec(integrator, steps.dt, steps, "converged", integrator.refusal)
+                    for steps in pair
+                )
+                if self._kept(fine) is None:
+                    self._compare(coarse, fine)
+                if self._resolves(fine):
+                    break
             self._converged[key] = self._kept(fine) or {}
         return self._converged[key]
+
+    def _resolves(self, spec: RunSpec) -> bool:
+        """Return whether the error of a time-converged run is small beside those of a search."""
+        record, plan = self._runner.known(spec), self._study.plan
+        found = self._study.searched(record.errors) if record and plan.target_error else None
+        if found is None or found.kind == "total":
+            return True
+        error: float | None = getattr(found, plan.target_norm)
+        return error is None or error <= RESOLVED * min(plan.target_error)
 
     def _compare(self, coarse: RunSpec, fine: RunSpec) -> None:
         """Make both runs, and store time errors from their difference."""
         made = {spec: self._runner.make(spec) for spec in (coarse, fine)}
         ours, right = (fields for _, fields in made.values())
         integrator, space = fine.integrator, fine.integrator.space
+        days, kinds = [day for day in ours if day in right], {"time": flow_errors}
+        kinds |= {"slow": slow_errors} if self._study.slow else {}
         apart = {
-            day: flow_errors(space.sim.model, ours[day], right[day]) for day in ours if day in right
+            kind: {day: errors(space.sim.model, ours[day], right[day]) for day in days}
+            for kind, errors in kinds.items()
         }
         gain = 2.0 ** integrator.kind.order_in(space.sim.model, **integrator.options)
         for spec, share in ((coarse, gain / (gain - 1.0)), (fine, 1.0 / (gain - 1.0))):
             record, fields = made[spec]
-            errors = Errors.of("time", apart, share) + self._total_errors(space, fields)
+            errors = self._total_errors(space, fields)
+            errors += [each for kind in apart for each in Errors.of(kind, apart[kind], share)]
             self._keep(spec, record.model_copy(update={"errors": errors}), fields)
 
     def _kept(self, spec: RunSpec) -> History | None:

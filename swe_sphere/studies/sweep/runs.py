@@ -9,6 +9,7 @@ stores a `RunRecord` (record.py) of each; `Evaluator` computes their errors.
 from __future__ import annotations
 
 import inspect
+import marshal
 import math
 import sys
 import uuid
@@ -18,7 +19,7 @@ from fractions import Fraction
 from functools import cached_property, reduce
 from itertools import product
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -46,11 +47,15 @@ from swe_sphere.simulation.build import (
     stepper_options,
 )
 from swe_sphere.simulation.config import RunConfig
+from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 from swe_sphere.simulation.restart import identity, run_sources
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS, Stepper, get_stepper
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
+
+if TYPE_CHECKING:
+    from swe_sphere.studies.sweep.record import Errors
 
 RATIO = math.sqrt(2.0)
 """Ratio of successive steps of an explicit stepper, whose useful range is short."""
@@ -137,7 +142,7 @@ def longest_accurate(
         too_long = (step, found)
         step = max(0.5 * step, shortest)
         found = error(step)
-        flat = flat + 1 if found > PLATEAU * too_long[1] else 0
+        flat = flat + 1 if PLATEAU * too_long[1] < found < math.inf else 0
         if flat == 2 and not found <= target:
             raise NoStepError(f"the error stays at {found:.3g} however short the step")
     for _ in range(REFINEMENTS):
@@ -158,8 +163,12 @@ History = dict[float, Fields]
 """Fields by report day."""
 Role = Literal["grid", "target", "stability", "converged"]
 """Purpose of a run: a grid, a search for an error or the longest stable step, or a reference."""
+SAMPLED = (0.0, 0.3, 1.0)
+"""Times at which functions of a custom scene are compared, as shares of a run."""
 SESSION = uuid.uuid4().hex
 """Stands for the fingerprint of code without a file, which cannot be compared later."""
+DIAGNOSTIC = "the diagnostic "
+"""Beginning of the names of diagnostics among the sources of a run."""
 
 
 class Discretisation:
@@ -184,7 +193,20 @@ class Discretisation:
         }  # fmt: skip
         if self._own is not None:  # its functions may depend on more than its parameters
             same |= {name: str(values.tobytes()) for name, values in self.sim.start.items()}
+            same |= self._samples(self._own)
         return fingerprint(same)
+
+    def _samples(self, scene: Scene) -> dict[str, str]:
+        """Return the values at the nodes of functions that do not determine the initial fields."""
+        found, end = {}, scene.days if self.config.days is None else self.config.days
+        for name in ("base", "equilibrium", "wind", "forcing", "exact", "exact_tracers"):
+            if (function := getattr(scene, name)) is not None:
+                unsteady = name not in ("base", "equilibrium")
+                for time in [(share * end * DAY,) for share in SAMPLED] if unsteady else [()]:
+                    values = function(self.mesh.lon, self.mesh.lat, *time)
+                    values = [*values.values()] if isinstance(values, dict) else values
+                    found[f"{name}{time}"] = str(np.asarray(values).tobytes())
+        return found
 
     def simulation(self, config: RunConfig) -> Simulation:
         """Return a simulation with a separate model: runs share nothing.
@@ -236,7 +258,8 @@ class Study:
         self.scene = scene = make_scene(plan.run_config(), own)
         self.ne, self.np = plan.ne or (scene.ne,), plan.np or (scene.np,)
         self.days = scene.days if plan.days is None else plan.days
-        self.report_days = tuple(sorted({*plan.report_days, self.days}))
+        meant = {float(planning.meant_hours(24.0 * day) / 24) for day in plan.report_days}
+        self.report_days = tuple(sorted({*meant, self.days}))
         """Times of errors [days]; the last is the end."""
         times = [Fraction(day * DAY).limit_denominator(1000) for day in self.report_days]
         self._every = reduce(planning.common_measure, times)
@@ -245,6 +268,16 @@ class Study:
         wanted = scene.sheds_waves if plan.slow is None else plan.slow
         self.slow = wanted or plan.target_kind == "slow"
         """True if errors of the slow flow are computed."""
+
+    def searched(self, errors: Iterable[Errors]) -> Errors | None:
+        """Return the error that a search of the plan is about, among the errors of a run."""
+        plan = self.plan
+        field = "vorticity" if plan.target_kind == "slow" else plan.target_field
+        found: dict[str, Errors] = {
+            of.kind: of for of in errors if (of.field, of.day) == (field, self.days)
+        }
+        auto = "total" if "total" in found else "time"
+        return found.get(auto if plan.target_kind == "auto" else plan.target_kind)
 
     def at(self, ne: int, np: int, precision: str = "float64") -> Discretisation:
         """Return the scene on the mesh and in the precision, built at the first request."""
@@ -297,9 +330,8 @@ class Study:
         if role == "stability":
             return (f"noise, {TRIAL_STEPS} steps, {TRIAL_DAYS} days",)
         files = {day: file_fingerprint(path) for day, path in self.files.items()}
-        if role == "converged":
-            return ("reference run", str(files))
-        return (str(files), *(["slow flow"] if self.slow else []))
+        reference = ["reference run"] if role == "converged" else []
+        return (*reference, str(files), *(["slow flow"] if self.slow else []))
 
     @cached_property
     def files(self) -> dict[float, Path]:
@@ -343,6 +375,7 @@ class Study:
             "the code of swe_sphere": code_fingerprint(),
             "the processor": processor(find_device(self.plan.device)),
             "the scene": origin, **files,
+            **{f"{DIAGNOSTIC}{name}": _code(one.function) for name, one in DIAGNOSTICS.items()},
             **{f"the reference of day {day:g}": file_fingerprint(path)
                for day, path in self.files.items()},
         }  # fmt: skip
@@ -484,6 +517,12 @@ def users_methods(steppers: Iterable[str], preconditioners: Iterable[str]) -> di
     kinds: dict[str, type] = {f"the stepper {name}": STEPPERS.find(name) for name in steppers}
     kinds |= {f"the preconditioner {name}": PRECONDITIONERS.find(name) for name in preconditioners}
     return {what: users_fingerprint(kind) for what, kind in kinds.items() if is_custom(kind)}
+
+
+def _code(function: Any) -> str:
+    """Return the fingerprint of the code of a function, or of the file of another callable."""
+    code = getattr(function, "__code__", None)
+    return users_fingerprint(function) if code is None else fingerprint(str(marshal.dumps(code)))
 
 
 def users_fingerprint(item: object) -> str:

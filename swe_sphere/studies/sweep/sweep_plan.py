@@ -13,6 +13,7 @@ from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.user_file import is_custom, is_user_file
 from swe_sphere.settings.values import (
     by_field,
+    flag_of,
     names_in,
     overridden,
     read_settings,
@@ -76,7 +77,7 @@ class SweepPlan(SharedConfig):
     """A grid of runs, or a search, on one scene; empty and None mean: as the scene recommends.
 
     The names are those of the flags of `swe-sphere sweep` and of the keys of a recipe, with `_` for
-    `-` (`settings` is `--set`).
+    `-` (`settings` is `--set`); `name`, `slow` and `spin` have no flag.
     """
 
     scene: str
@@ -141,8 +142,7 @@ def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> Sweep
     value, in one line that names it.
     """
     plan = validated(SweepPlan, values)
-    if plan.budget is not None and not plan.target_error:
-        raise ConfigError("budget: only a search uses it: give target-error, or leave it out")
+    _check_options(plan)
     made = make_scene(plan.run_config(), scene)
     for name in plan.steppers:
         get_stepper(name)
@@ -162,6 +162,18 @@ def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> Sweep
     return plan
 
 
+def _check_options(plan: SweepPlan) -> None:
+    """Raise ConfigError for an option without any effect."""
+    for name in plan.model_fields_set & {*(GRID if plan.target_error else SEARCH)}:
+        if getattr(plan, name) not in (None, SweepPlan.model_fields[name].default):
+            flag, other = flag_of(name), "a grid" if plan.target_error else "a search"
+            advice = "leave out target-error" if plan.target_error else "give target-error"
+            raise ConfigError(f"{flag}: only {other} uses it: {advice}, or leave it out")
+    chosen = plan.target_field if "target_field" in plan.model_fields_set else "vorticity"
+    if plan.target_kind == "slow" and chosen != "vorticity":
+        raise ConfigError("target-field: the slow-flow error is of vorticity: leave it out")
+
+
 def _check_jobs(plan: SweepPlan, own: Scene | None) -> None:
     """Raise ConfigError for settings that other processes do not have or cannot share."""
     if plan.budget is not None:
@@ -178,6 +190,8 @@ def _check_jobs(plan: SweepPlan, own: Scene | None) -> None:
         )
 
 
+GRID, SEARCH = ("dt", "levels"), ("budget", "target_field", "target_kind", "target_norm")
+"""Options that only a grid of runs uses, and those that only a search for an error uses."""
 RECIPES = Path(__file__).with_name("recipes")
 
 
@@ -208,6 +222,11 @@ class Recipe:
         unnamed = {plan.model_copy(update={"name": ""}).model_dump_json() for plan in plans}
         if len(unnamed) < len({plan.model_dump_json() for plan in plans}):
             raise ConfigError("a flag sets what [sweep.each] of the recipe varies: leave it out")
+        asked: dict[str, tuple[object, ...]] = {}
+        for plan in plans:
+            mine = plan.days, plan.target_error, plan.target_kind, plan.target_field
+            if asked.setdefault(folder := folder_of(dict(plan)), mine) != mine:
+                raise ConfigError(f"sweeps {folder} differ in days or target: give each a name")
         return plans
 
 
@@ -215,9 +234,10 @@ def load_recipe(name: str) -> Recipe:
     """Return the recipe of that name, or in the TOML file of that path.
 
     A file has a `title`, perhaps an `introduction`, keys that all sweeps share, and for each a
-    table [[sweep]], perhaps with a `note`; or just the keys of one sweep.  A table
-    [sweep.each] with lists by key makes a sweep of every combination.  Raises ConfigError if there
-    is no such recipe or it cannot be read.
+    table [[sweep]], perhaps with a `note`; or just the keys of one sweep. Sweeps of one scene share
+    a folder unless their `name` differs. A table [sweep.each] with lists by key makes a sweep of
+    every combination, whose values are appended to the name. Raises ConfigError if there is no such
+    recipe or it cannot be read.
     """
     path = Path(name)
     if path.suffix != ".toml":
@@ -229,8 +249,12 @@ def load_recipe(name: str) -> Recipe:
     sweeps = table.pop("sweep", [{}])
     if not isinstance(sweeps, list) or not all(isinstance(each, dict) for each in sweeps):
         raise ConfigError(f"{path}: sweeps are tables [[sweep]]")
-    notes = {folder_of(table | each): str(each.pop("note")) for each in sweeps if "note" in each}
-    single = [by_field(one) for each in sweeps for one in _combinations(path, table | each)]
+    single, notes = [], dict[str, str]()
+    for each in sweeps:
+        note = each.pop("note", None)
+        made = [*_combinations(path, table | each)]
+        single += [by_field(one) for one in made]
+        notes |= {} if note is None else dict.fromkeys(map(folder_of, made), str(note))
     return Recipe(title, tuple(single), introduction, notes)
 
 
@@ -254,5 +278,5 @@ def _combinations(path: Path, sweep: dict[str, Any]) -> Iterator[dict[str, Any]]
         settings += read_settings({key: value for key, value in chosen.items() if "." in key})
         made = sweep | {key: value for key, value in chosen.items() if "." not in key}
         if each:
-            made["name"] = "-".join([folder_of({"scene": sweep.get("scene")}), *words])
+            made["name"] = "-".join([folder_of(sweep), *words])
         yield made | ({"set": settings} if settings else {})

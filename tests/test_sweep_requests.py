@@ -1,0 +1,172 @@
+"""Several requests in the folder of one sweep: what is run again, compared and reported."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from swe_sphere.equations.effects import DYNAMICS, Forcing, Rotation
+from swe_sphere.errors import ConfigError
+from swe_sphere.simulation.diagnostics import diagnostic
+from swe_sphere.studies.report import sweep_rankings
+from swe_sphere.studies.report.ranking import candidates, read_runs
+from swe_sphere.studies.sweep import runner, sweep
+from swe_sphere.studies.sweep.record import runs_of
+from swe_sphere.studies.sweep.sweep_plan import Recipe, load_recipe, make_plan
+from swe_sphere.testcases import get_scene
+
+TINY = {"ne": 2, "np": 4, "days": 0.25, "repeats": 1, "dt": [3600]}
+SEARCH = {"ne": 2, "np": 4, "days": 0.25, "repeats": 1, "target_error": 1e-2}
+
+
+def count(folder):
+    return len(runs_of(folder).records)
+
+
+def test_a_search_ranks_the_runs_of_a_grid_that_it_finds(tmp_path):
+    """Its first trial is the first step of an automatic grid."""
+    sweep("lauter", "rk4,leapfrog", out=tmp_path, **SEARCH | {"target_error": (), "levels": 1})
+    (found,) = sweep_rankings(sweep("lauter", "rk4,leapfrog", out=tmp_path, **SEARCH))
+    assert {*found.table.index} == {"rk4", "leapfrog"}
+    assert not found.winners(0).empty
+
+
+def test_default_and_changed_settings_are_two_curves(tmp_path):
+    sweep("williamson6", "rk4", out=tmp_path, **TINY)
+    both = sweep("williamson6", "rk4", out=tmp_path, settings=["viscosity.nu=1e5"], **TINY)
+    runs = read_runs(both)
+    assert {*runs[runs["role"] == "grid"]["curve"]} == {"rk4, default", "rk4, viscosity.nu=1e5"}
+
+
+def test_a_ranking_resolves_the_error_of_its_own_reference():
+    found = sweep("galewsky", "rk4", target_kind="slow", **SEARCH)
+    (ranking,) = sweep_rankings(found)
+    reference = found.isel(run=found.role.values == "converged").error
+    slow = reference.sel(kind="slow", field="vorticity", norm="l2").values
+    assert ranking.metric.kind == "slow" and ranking.floor == np.nanmin(slow) > 0.0
+
+
+def forced(rate):
+    def forcing(lon, lat, t):
+        return 0.0 * lon, 0.0 * lon, rate * np.sin(lat) ** 2
+
+    dynamics = (*DYNAMICS, Rotation(), Forcing())
+    scene = get_scene("williamson2")
+    return replace(scene, name="forced", effects=dynamics, forcing=forcing, exact=None)
+
+
+def displaced(rate):
+    scene = get_scene("williamson2")
+
+    def exact(lon, lat, t):
+        u, v, h = scene.exact(lon, lat, t)
+        return u, v, h * (1.0 + rate * t)
+
+    return replace(scene, name="displaced", exact=exact)
+
+
+@pytest.mark.parametrize("scene", [forced, displaced])
+def test_a_changed_function_of_a_scene_makes_other_runs(tmp_path, scene):
+    for rate in (0.0, 1e-6):
+        found = sweep(scene(rate), "rk4", out=tmp_path, **TINY)
+        fresh = sweep(scene(rate), "rk4", **TINY)
+        grid, alone = (of.isel(run=of.role.values == "grid").isel(run=-1) for of in (found, fresh))
+        assert grid.mass_drift == alone.mass_drift
+        np.testing.assert_array_equal(grid.error, alone.error)
+    before = count(tmp_path)
+    sweep(scene(1e-6), "rk4", out=tmp_path, **TINY)
+    assert count(tmp_path) == before
+
+
+def test_runs_are_made_again_for_a_new_or_changed_diagnostic(tmp_path):
+    sweep("williamson2", "rk4", out=tmp_path, **TINY)
+    for value in (1.0, 2.0):
+        diagnostic(eval(f"lambda sim: {value}"), name="answer")
+        found = sweep("williamson2", "rk4", out=tmp_path, **TINY)
+        assert (found["answer"].values == value).all()
+    before = count(tmp_path)
+    sweep("williamson2", "rk4", out=tmp_path, **TINY)
+    assert count(tmp_path) == before
+
+
+def test_runs_of_another_length_are_not_compared(tmp_path):
+    sweep("lauter", "rk4", out=tmp_path, report_days=[0.25], **TINY | {"days": 0.5})
+    long = sweep("lauter", "rk4", **TINY | {"days": 0.5}).attrs["converged_check"]
+    found = sweep("lauter", "rk4", out=tmp_path, **TINY)
+    runs = read_runs(found)
+    (ranking,) = sweep_rankings(found)
+    assert candidates(runs, ranking.metric)["days_planned"].tolist() == [0.25]
+    alone = sweep("lauter", "rk4", **TINY)
+    assert found.attrs["converged_check"] == alone.attrs["converged_check"] != long
+
+
+@pytest.mark.parametrize("day", [0.3333, 0.333333])
+def test_rounded_report_days_do_not_shorten_the_steps(day):
+    options = TINY | {"days": 1.0, "dt": [3600], "report_days": [day]}
+    if day == 0.3333:  # not near enough to a third
+        with pytest.raises(ConfigError, match=r"report-days: steps of 8.64 s would be needed"):
+            sweep("lauter", "rk4", **options)
+        return
+    found = sweep("lauter", "rk4", **options)
+    assert found.isel(run=found.role.values == "grid").dt.values.tolist() == [3600.0]
+    assert found.report_day.values.tolist() == [1.0 / 3.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"target_error": 1e-2, "dt": 600}, "dt: only a grid uses it"),
+        ({"target_error": 1e-2, "levels": 3}, "levels: only a grid uses it"),
+        ({"target_norm": "linf"}, "target-norm: only a search uses it"),
+        ({"budget": 3}, "budget: only a search uses it"),
+        ({"target_error": 1e-2, "target_kind": "slow", "target_field": "h"}, "is of vorticity"),
+    ],
+)
+def test_options_without_effect_are_refused(options, message):
+    with pytest.raises(ConfigError, match=message):
+        make_plan({"scene": "lauter", "steppers": "rk4"} | options)
+
+
+def test_a_search_that_ends_early_gives_the_reason_of_its_last_run():
+    notes = []
+
+    class Notes(runner.SweepWatcher):
+        def note(self, text):
+            notes.append(text)
+
+    search = SEARCH | {"target_error": 1e-12}
+    sweep("lauter", "rk4", watcher=Notes(), time_limit=0.02, **search | {"ne": 4, "days": 4.0})
+    assert len(notes) == 1 and "dt = " in notes[0] and "the time limit of" in notes[0]
+    assert "inf" not in notes[0]
+
+
+def test_a_run_without_memory_is_tried_again(tmp_path, monkeypatch):
+    def full(*arguments):
+        raise MemoryError("no memory")
+
+    with monkeypatch.context() as change:
+        change.setattr("swe_sphere.simulation.simulation.Simulation.advance", full)
+        sweep("lauter", "rk4", out=tmp_path, **TINY)
+    found = sweep("lauter", "rk4", out=tmp_path, **TINY)
+    assert (found.status.values == "completed").all()
+    assert math.isfinite(found.attrs["converged_check"])
+
+
+def test_combinations_of_a_recipe_keep_its_name_and_note(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text(
+        'scene = "williamson2"\nsteppers = "rk4"\n[[sweep]]\nname = "mine"\nnote = "A note."\n'
+        "[sweep.each]\n'scene.alpha' = [0.1, 0.2]\n"
+    )
+    found = load_recipe(str(file))
+    assert found.notes == {"mine-alpha0.1": "A note.", "mine-alpha0.2": "A note."}
+    assert [plan.name for plan in found.plans({})] == ["mine-alpha0.1", "mine-alpha0.2"]
+
+
+def test_sweeps_of_one_folder_have_one_length_and_target():
+    values = {"scene": "williamson2", "steppers": "rk4"}
+    two = Recipe("two", (values | {"days": 0.5}, values | {"days": 0.25}))
+    with pytest.raises(ConfigError, match="williamson2 differ in days or target: give each a name"):
+        two.plans({})
+    assert len(two.plans({"days": 1.0})) == 2
