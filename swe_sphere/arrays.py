@@ -1,4 +1,4 @@
-"""Types of numpy arrays, and the inverse of a permutation."""
+"""Types of numpy arrays of float64, int64 and int32, and the inverse of a permutation."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,7 @@ Int32 = NDArray[np.int32]
 
 
 def inverse_permutation(order: NDArray[np.integer]) -> Int32:
-    """Return the place (n,) of each number 0 to n - 1 in `order`."""
+    """Return the index (n,) at which each of 0 to n - 1 occurs in the permutation `order` (n,)."""
     places = np.empty(order.size, dtype=np.int32)
     places[order] = np.arange(order.size, dtype=np.int32)
     return places

@@ -15,13 +15,17 @@ import numpy as np
 from swe_sphere.equations.effects import DYNAMICS, Rotation
 from swe_sphere.equations.scene import Array, Scene, State, UnsteadyState
 from swe_sphere.mesh.sphere import angle, position
-from swe_sphere.planet import EARTH
+from swe_sphere.planet import DAY, EARTH
 from swe_sphere.settings.values import read_toml
 
 SCENES = read_toml(Path(__file__).with_name("scenes.toml"))
 """Title, reference, recommended mesh and recommended run length of each scene, by name."""
 ROTATING = (*DYNAMICS, Rotation())
 """Effects of a flow on a rotating planet without orography."""
+PERIOD = 12.0 * DAY
+"""Period of solid-body flows, and of the deformational flow and its reversal [s]."""
+ANGULAR_SPEED = 2.0 * np.pi / PERIOD
+"""Angular speed of solid-body flows [s-1]."""
 
 
 def build_scene(name: str, exact: UnsteadyState | None = None, **fields: Any) -> Scene:

@@ -97,16 +97,14 @@ def relaxed_jet(time: float = 10.0, perturbed: bool = True) -> Scene:
         raise ConfigError(f"relaxed-jet: time must be positive and finite, got {time}")
     steady = galewsky(perturbed=False).initial
     return build_scene(
-        "relaxed-jet",
-        effects=(*ROTATING, Relaxation(time * DAY), Hyperviscosity(factor=30.0)),
-        initial=galewsky(perturbed).initial,
-        equilibrium=lambda lon, lat: steady(lon, lat)[2],
-    )
+        "relaxed-jet", effects=(*ROTATING, Relaxation(time * DAY), Hyperviscosity(factor=30.0)),
+        initial=galewsky(perturbed).initial, equilibrium=lambda lon, lat: steady(lon, lat)[2],
+    )  # fmt: skip
 
 
 EQUATOR = EARTH.rotation * EARTH.radius
 """Speed of the planet at its equator [m s-1]."""
-BOTTOM = 10.0
+BOTTOM_GEOPOTENTIAL = 10.0
 """The constant k2 in g b of `bottom` [m2 s-2]."""
 
 
@@ -139,7 +137,7 @@ def lauter(alpha: float = np.pi / 4.0) -> Scene:
 
 def bottom(lon: Array, lat: Array) -> Array:
     """Return the height [m] of a bottom that compensates for the flattening of the planet."""
-    return (0.5 * (EQUATOR * np.sin(lat)) ** 2 + BOTTOM) / EARTH.gravity + 0.0 * lon
+    return (0.5 * (EQUATOR * np.sin(lat)) ** 2 + BOTTOM_GEOPOTENTIAL) / EARTH.gravity + 0.0 * lon
 
 
 def tilted_jet(alpha: float = 0.08, speed: float = 40.0, gaussian: bool = False) -> Scene:

@@ -7,13 +7,17 @@ import numpy as np
 from swe_sphere.equations.effects import PrescribedWind, Tracers
 from swe_sphere.equations.scene import Array, Scalar, Scene, Wind
 from swe_sphere.mesh.sphere import frame, position
-from swe_sphere.planet import DAY, EARTH
-from swe_sphere.testcases.flows import build_scene, distance, solid_body, turned
+from swe_sphere.planet import EARTH
+from swe_sphere.testcases.flows import (
+    ANGULAR_SPEED,
+    PERIOD,
+    build_scene,
+    distance,
+    solid_body,
+    turned,
+    wrapped,
+)
 
-PERIOD = 12.0 * DAY
-"""Period of the background rotation, and of the deformation and its reversal [s]."""
-TURN = 2.0 * np.pi / PERIOD
-"""Angular speed of the background [s-1]."""
 AIR = 1000.0
 """Depth of the air that carries the tracers [m]."""
 
@@ -36,19 +40,18 @@ def moving_vortices(alpha: float = 0.25 * np.pi) -> Scene:
     start = position(1.5 * np.pi, 0.0)
 
     def wind(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
-        centre = turned(start, alpha, TURN * t)
+        centre = turned(start, alpha, ANGULAR_SPEED * t)
         point = position(lon, lat)
         spin = _vortex_speed(point @ centre)
         swirl = np.cross(centre, point)
-        background = solid_body(lon, lat, alpha)
         east, north = (
-            EARTH.radius * (TURN * around + spin * np.sum(swirl * axis, axis=-1))
-            for around, axis in zip(background, frame(lon, lat), strict=True)
+            EARTH.radius * (ANGULAR_SPEED * around + spin * np.sum(swirl * axis, axis=-1))
+            for around, axis in zip(solid_body(lon, lat, alpha), frame(lon, lat), strict=True)
         )
         return east, north
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        origin = turned(position(lon, lat), alpha, -TURN * t)
+        origin = turned(position(lon, lat), alpha, -ANGULAR_SPEED * t)
         return *wind(lon, lat, t), AIR * _rolled_front(origin, start, t)
 
     return build_scene("moving-vortices", effects=(PrescribedWind(),), exact=exact, wind=wind)
@@ -79,14 +82,9 @@ def deformational(case: Literal[1, 2, 3, 4] = 4) -> Scene:
         return {name: formula(lon, lat) + known for name, formula in tracers.items()}
 
     return build_scene(
-        "deformational",
-        title=f"deformational flow, case {case}",
-        effects=(PrescribedWind(), Tracers()),
-        exact=exact,
-        wind=wind,
-        tracers=tracers,
-        exact_tracers=exact_tracers,
-    )
+        "deformational", title=f"deformational flow, case {case}", exact=exact, wind=wind,
+        effects=(PrescribedWind(), Tracers()), tracers=tracers, exact_tracers=exact_tracers,
+    )  # fmt: skip
 
 
 def _vortex_speed(sine: Array) -> Array:
@@ -94,7 +92,7 @@ def _vortex_speed(sine: Array) -> Array:
     rho = 3.0 * np.sqrt(np.maximum(1.0 - sine**2, 0.0))
     safe = np.where(rho > 1e-8, rho, 1.0)
     shape = np.where(rho > 1e-8, np.tanh(safe) / safe, 1.0) / np.cosh(rho) ** 2
-    speed: Array = 1.5 * np.sqrt(3.0) * TURN * shape
+    speed: Array = 1.5 * np.sqrt(3.0) * ANGULAR_SPEED * shape
     return speed
 
 
@@ -124,8 +122,8 @@ def _cells(strength: float, north: float, k: float, power: int) -> Wind:
 
 
 def _two_cells_turning(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
-    east, north = _CASES[2][0](lon - TURN * t, lat, t)
-    return east + EARTH.radius * TURN * np.cos(lat), north
+    east, north = _CASES[2][0](lon - ANGULAR_SPEED * t, lat, t)
+    return east + EARTH.radius * ANGULAR_SPEED * np.cos(lat), north
 
 
 Centres = tuple[tuple[float, float], tuple[float, float]]
@@ -159,7 +157,7 @@ def _tracers(centres: Centres) -> dict[str, Scalar]:
         """Cylinders of radius 1/2 with a slot 1/6 wide, open to the north or to the south."""
         inside = np.zeros(np.shape(lon), dtype=bool)
         for centre, side in zip(centres, (-1.0, 1.0), strict=True):
-            beside = np.abs(lon - centre[0]) >= 1.0 / 12.0
+            beside = np.abs(wrapped(lon - centre[0])) >= 1.0 / 12.0
             beyond = side * (lat - centre[1]) > 5.0 / 24.0
             inside |= (distance(lon, lat, *centre) <= 0.5) & (beside | beyond)
         return np.where(inside, 1.0, 0.1)

@@ -9,8 +9,9 @@ import numpy as np
 from swe_sphere.equations.effects import Forcing, Orography, PrescribedWind
 from swe_sphere.equations.scene import Array, Scene, UnsteadyState
 from swe_sphere.mesh.sphere import angle, position
-from swe_sphere.planet import DAY, EARTH
+from swe_sphere.planet import EARTH
 from swe_sphere.testcases.flows import (
+    ANGULAR_SPEED,
     ROTATING,
     ZonalJet,
     build_scene,
@@ -21,18 +22,16 @@ from swe_sphere.testcases.flows import (
     zonal_balance,
 )
 
-TURN = 12.0 * DAY
-"""Time in which the solid-body flow goes once around the planet [s]."""
-SPEED = 2.0 * np.pi * EARTH.radius / TURN
+SPEED = EARTH.radius * ANGULAR_SPEED
 """Speed of the solid-body flow at its equator [m s-1]."""
 JET = ZonalJet(SPEED, -np.pi / 6.0, np.pi / 2.0, sharpness=(2.0 * np.pi / 3.0) ** 2 / 0.3)
 """The jet of case 3 by the latitude relative to its axis; 0.3 is x_e of the paper."""
 
-DEPTH = 1e5
+GEOPOTENTIAL = 1e5
 """g h0 of case 4 [m2 s-2]: g h at the poles."""
 CENTRE = np.pi / 4.0
 """Latitude of the low of case 4 [rad]."""
-STRENGTH = -0.03 * DEPTH / (2.0 * EARTH.rotation * np.sin(CENTRE))
+STRENGTH = -0.03 * GEOPOTENTIAL / (2.0 * EARTH.rotation * np.sin(CENTRE))
 """Streamfunction ψ0 at the centre of the low of case 4 [m2 s-1]."""
 SHARPNESS = (2.0 * EARTH.radius / 1e6) ** 2
 """The constant σ of case 4."""
@@ -55,7 +54,7 @@ def williamson1(alpha: float = 0.0, gaussian: bool = False) -> Scene:
         return solid_body(lon, lat, alpha, SPEED)
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        centre = turned(position(1.5 * np.pi, 0.0), alpha, 2.0 * np.pi * t / TURN)
+        centre = turned(position(1.5 * np.pi, 0.0), alpha, ANGULAR_SPEED * t)
         point = position(lon, lat)
         if gaussian:
             depth = 1000.0 * np.exp(-5.0 * np.sum((point - centre) ** 2, axis=-1))
@@ -118,11 +117,9 @@ def williamson3(alpha: float = 0.0) -> Scene:
 def _steady(case: int, exact: UnsteadyState, alpha: float) -> Scene:
     """Return the scene of a steady flow about an axis of rotation that is tilted by alpha [rad]."""
     return build_scene(
-        f"williamson{case}",
-        effects=ROTATING,
-        exact=exact,
+        f"williamson{case}", effects=ROTATING, exact=exact,
         coriolis=lambda lon, lat: 2.0 * EARTH.rotation * tilted_latitude(lon, lat, alpha),
-    )
+    )  # fmt: skip
 
 
 def williamson5(speed: float = 20.0) -> Scene:
@@ -147,13 +144,9 @@ def williamson5(speed: float = 20.0) -> Scene:
         return speed * np.cos(lat), 0.0 * lat, surface - cone(lon, lat)
 
     return build_scene(
-        "williamson5",
-        effects=(*ROTATING, Orography()),
-        initial=initial,
-        bottom=cone,
-        error_field="surface",
-        sheds_waves=True,
-    )
+        "williamson5", effects=(*ROTATING, Orography()), initial=initial, bottom=cone,
+        error_field="surface", sheds_waves=True,
+    )  # fmt: skip
 
 
 def williamson6(perturbation: float = 0.0, omega: float = 7.848e-6, depth: float = 8000.0) -> Scene:
@@ -199,8 +192,8 @@ def williamson4(u0: float = 20.0) -> Scene:
         ψ = ψ0 exp(-σ (1 - C)/(1 + C)),  C the cosine of the distance from its centre,
         u = ū - ∂ψ/∂θ / a,  v = ∂ψ/∂λ / (a cos θ),  h = h̄ + f ψ / g
 
-    with ψ0 = `STRENGTH` and σ = `SHARPNESS`. Its centre moves along 45°N at the angular speed u0 /
-    a. A forcing of wind and depth, evaluated at each stage of a step, makes this flow exact.
+    with ψ0 = -0.03 · 1e5 m² s⁻² / (2 Ω sin θ₀) and σ = (2a / 1000 km)². The centre moves along θ₀ =
+    45°N at the angular speed u0 / a. A forcing, evaluated at each stage, makes this flow exact.
 
     Args:
         u0: speed of the jets at 45°N and 45°S [m s-1]; 20 and 40 in the paper.
@@ -215,8 +208,8 @@ def williamson4(u0: float = 20.0) -> Scene:
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
         c_lat, side, psi, once = _low(lon - u0 * t / a, lat)[1:5]
-        depth = DEPTH - drop(lat) + EARTH.coriolis(lon, lat) * psi
-        return jet(lat) + -once * c_lat / a, -once * side / a, depth / EARTH.gravity
+        geopotential = GEOPOTENTIAL - drop(lat) + EARTH.coriolis(lon, lat) * psi
+        return jet(lat) + -once * c_lat / a, -once * side / a, geopotential / EARTH.gravity
 
     def forcing(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
         """Return the residual of the equations for the exact flow [m s-2, m s-2, m s-1].
@@ -247,8 +240,8 @@ def williamson4(u0: float = 20.0) -> Scene:
         north = -speed * v_lon + total * bend + v * v_lat
         north += (mean_tan * u + spin * psi) / a
         pull = -u0 * EARTH.coriolis(lon, lat) * cos
-        depth = v * (pull + (spin * psi - mean * mean_tan) / a)
-        return east, north, depth / EARTH.gravity
+        geopotential = v * (pull + (spin * psi - mean * mean_tan) / a)
+        return east, north, geopotential / EARTH.gravity
 
     return build_scene("williamson4", effects=(*ROTATING, Forcing()), exact=exact, forcing=forcing)
 

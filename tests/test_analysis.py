@@ -454,6 +454,12 @@ def test_no_frame_and_several_members_are_refused_in_one_line(run):
             with pytest.raises(ConfigError, match=reason):
                 make(each.swe)
     assert two.isel(member=0).swe.integrals().mass.shape == (3,)
+    for make in (lambda ds: ds.spectrum(3), lambda ds: ds.to_latlon(5, 8), lambda ds: ds.animate(),
+                 lambda ds: ds.to_gaussian(4), lambda ds: ds.streamfunction(),
+                 lambda ds: ds.zonal_mean(5), lambda _: data.swe.error_norms(none)):  # fmt: skip
+        with pytest.raises(ConfigError, match="this dataset holds no frames"):
+            make(none.swe)
+    assert none.swe.potential_vorticity().shape == (0, data.sizes["node"])
 
 
 def test_a_store_may_have_any_name(run, tmp_path):

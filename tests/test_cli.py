@@ -233,6 +233,7 @@ MISTAKES = {
     "run --config damaged.nc": "damaged.nc is not valid TOML",
     "plot none.nc": "there is no file none.nc",
     "plot damaged.nc": "cannot read damaged.nc",
+    "regrid .": ". is a folder: give the name of a file in it",
     "compare damaged.nc damaged.nc": "cannot read damaged.nc",
     "compare damaged.nc": "Missing argument",
     "run williamson2 --alfa 1": "No such option: --alfa",

@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 from netCDF4 import Dataset
 
@@ -12,12 +13,24 @@ from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.simulation.config import make_config
-from swe_sphere.studies.ensemble import run_members, spread
+from swe_sphere.studies.ensemble import run_members, spread, write_spread
 from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.harmonics import legendre
 from swe_sphere.testcases.jets import JET
 
 SMALL = {"scene": "galewsky", "ne": 2, "np": 4, "days": 0.1, "dt": 600.0}
+
+
+WINDS = """from dataclasses import replace
+from swe_sphere.testcases import get_scene
+def scene(seed: int = 0):
+    base = get_scene("williamson5")
+    def initial(lon, lat):
+        u, v, h = base.initial(lon, lat)
+        return (1.0 + 0.01 * seed) * u, v, h
+    return replace(base, name="winds", initial=initial)
+"""
+"""Scene file: the seeds change only the wind, over a mountain."""
 
 
 def growth(m: int, degree: int) -> float:
@@ -184,6 +197,44 @@ def test_what_is_no_ensemble(tmp_path, values, seeds, error, message):
         run_members(make_config(SMALL | values), seeds, tmp_path, lambda _: None)
 
 
+def test_equal_values_have_no_spread(tmp_path):
+    """Round-off of a variance is none: three members over a mountain, which the seeds leave."""
+    (tmp_path / "winds.py").write_text(WINDS)
+    asked = make_config(SMALL | {"scene": str(tmp_path / "winds.py")})
+    files = run_members(asked, (1, 2, 3), tmp_path, lambda _: None)
+    with pytest.raises(ConfigError, match="field b: it is the same in all members"):
+        spread(files, "b")
+    found = spread(files, "h")
+    assert found["spread"][0] == 0.0 and found["spread"][1] > 0.0 and found["growth"].isna().all()
+
+
+def test_a_frame_without_spread_is_left_out_of_the_picture(tmp_path, capsys):
+    (tmp_path / "winds.py").write_text(WINDS)
+    line = ["ensemble", str(tmp_path / "winds.py"), "--ne", "2", "--np", "4", "--dt", "600"]
+    line += ["--days", "0.2", "--every", "1.6", "--seeds", "1-3", "--field", "h"]
+    with pytest.raises(SystemExit, match="0"):
+        main([*line, "--out", str(tmp_path / "a")])
+    assert "0           0  –" in capsys.readouterr().out
+    table = np.genfromtxt(tmp_path / "a" / "spread_h.csv", delimiter=",", skip_header=1)
+    assert len(table) == 4 and table[0, 1] == 0.0 and np.isnan(table[:2, 2]).all()
+    assert np.isfinite(table[2:]).all()
+    assert (tmp_path / "a" / "spread_h.png").stat().st_size > 5_000
+
+
+def test_a_spread_of_zero_is_drawn_and_the_table_is_written_before_the_picture(
+    tmp_path, monkeypatch
+):
+    table = pd.DataFrame({"day": [0.0, 1.0], "spread": 0.0, "growth": np.nan})
+    files = write_spread(table, "h", tmp_path)
+    assert files[1].stat().st_size > 5_000
+    text = files[0].read_text()
+    files[0].unlink()
+    monkeypatch.setattr("swe_sphere.studies.ensemble.draw_panel", None)
+    with pytest.raises(TypeError):
+        write_spread(table, "h", tmp_path)
+    assert files[0].read_text() == text
+
+
 @pytest.mark.parametrize("name", ["spread_h.csv", "spread_h.png"])
 def test_a_table_or_picture_of_somebody_else_is_not_replaced(tmp_path, capsys, name):
     line = ["ensemble", "galewsky", "--ne", "2", "--np", "4", "--dt", "600", "--days", "0.1"]
@@ -239,6 +290,8 @@ def test_ctrl_c_ends_an_ensemble_with_130_and_the_same_command_goes_on(tmp_path,
         (["--field", "b"], "it is the same in all members"),
         (["--fields", "h,u"], "the field 'vorticity' is missing; there are h, u, b"),
         (["--seeds", "1-2000000000"], "give 2 to 1000 different numbers"),
+        (["--seeds", "1-1000000000000000000000"], "seeds: give 2 to 1000 different numbers"),
+        (["--set", "scene.seed=4"], "scene.seed differs between members: set it with seeds"),
     ],
 )
 def test_an_ensemble_that_comes_to_nothing_is_one_line(tmp_path, capsys, more, said):

@@ -51,6 +51,18 @@ def test_a_piece_that_a_kill_left_behind_is_no_record(tmp_path):
     assert seconds(tmp_path) == [1]
 
 
+@pytest.mark.parametrize("name", ["000001 copy.json", "000001-a.json", "1.old.json", "notes.json"])
+def test_a_file_of_another_name_is_no_record_and_stays(tmp_path, name):
+    store = Store(tmp_path, Number)
+    store.add(Number(seconds=1))
+    Store(tmp_path, Number, "-17").add(Number(seconds=2))
+    (tmp_path / name).write_text('{"seconds": 3}')
+    assert seconds(tmp_path) == [1, 2]
+    with store.unfinished():
+        pass
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [

@@ -116,6 +116,14 @@ def test_tracers_of_the_deformational_flow():
     assert south == pytest.approx([1.0, 0.1, 0.1])
 
 
+@pytest.mark.parametrize("case", CASES)
+def test_tracers_are_the_same_at_longitudes_west_of_greenwich(case):
+    lon, lat = np.meshgrid(np.linspace(-np.pi, np.pi, 181), np.linspace(-1.4, 1.4, 57))
+    for name, formula in get_scene("deformational", case=case).tracers.items():
+        there = formula(np.mod(lon, 2.0 * np.pi), lat)
+        np.testing.assert_allclose(formula(lon, lat), there, rtol=0.0, atol=1e-12, err_msg=name)
+
+
 def test_the_answer_is_known_only_when_all_is_back():
     scene, (lon, lat) = get_scene("deformational", case=3), somewhere()
     assert np.isnan(scene.exact_tracers(lon, lat, 3.0 * DAY)["cosine_bells"]).all()

@@ -91,7 +91,7 @@ class Analysis:
     frame by frame, if the dataset consists of dask arrays (`open_run(path, chunks={"time": 1})`).
     Integrals and errors are evaluated at once, with one frame in memory at a time.
 
-    Every method raises ConfigError if the dataset is not that of a run or lacks a field.
+    Methods raise ConfigError if the dataset is not that of a run, or lacks needed fields or frames.
 
     Examples:
         >>> from swe_sphere import Simulation
@@ -110,6 +110,8 @@ class Analysis:
     @cached_property
     def mesh(self) -> Mesh:
         """The mesh of the fields, rebuilt from the attributes of the dataset."""
+        if self._data.sizes.get("time") == 0:
+            raise ConfigError("this dataset holds no frames: choose at least one time")
         values = in_python(self._data.attrs)
         if not {*MESH_ATTRIBUTES} <= values.keys() or "node" not in self._data.dims:
             raise ConfigError(
@@ -279,8 +281,6 @@ class Frames(Nodal):
         self.times = np.zeros(1)  # a dataset without times is one frame
         if "time" in data.coords:
             self.times = np.atleast_1d(decode(data[["time"]], self.path)["time"].values)
-            if self.times.size == 0:
-                raise ConfigError("this dataset holds no frame")
 
     @cached_property
     def bottom(self) -> Array:  # type: ignore[override]

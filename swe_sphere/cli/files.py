@@ -139,5 +139,5 @@ def regrid(
     """Interpolate the frames of a run to a grid of latitudes and longitudes."""
     from swe_sphere.analysis.regrid import regrid_file
 
-    place = out or file.with_name(f"{file.stem}_{re.sub(r'[^a-z0-9]', '', grid)}.nc")
+    place = out or file.parent / f"{file.stem}_{re.sub(r'[^a-z0-9]', '', grid)}.nc"
     typer.echo(regrid_file(file, grid, place, names_in(fields), overwrite))

@@ -195,7 +195,8 @@ def _seeds(text: str) -> Sequence[int]:
     first, dash, last = text.partition("-")
     try:
         if dash:
-            return range(int(first), int(last) + 1)
+            start = int(first)
+            return range(start, min(int(last), start + 1000) + 1)  # over 1000 are refused later
         return [int(part) for part in names_in(text)]
     except ValueError:
         raise ConfigError(f"seeds: give whole numbers, 1,2,3 or 1-8, got {text!r}") from None

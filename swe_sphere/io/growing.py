@@ -59,7 +59,8 @@ def check_zarr(path: Path) -> None:
 class GrowingOutput:
     """A file or folder that grows, built under a temporary name until it is put in place.
 
-    folder: True for a folder. Raises ConfigError if another program writes it.
+    place: its final path; folder: True for a folder. Raises ConfigError if another program is
+    writing there.
     """
 
     def __init__(self, place: Path, folder: bool = False) -> None:

@@ -139,14 +139,14 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
     def record(self, time: float, diagnostics: Mapping[str, float | None]) -> None:
         """Append numbers at time [s] to the series along `diagnostic_time`, after a first frame.
 
-        None and absent names are stored as missing. Raises ValueError for a name that was absent in
-        the first frame, and if there is no space for more.
+        None and absent names are stored as missing. Raises RunFailed for a name that was absent in
+        the first frame, and ValueError if the samples of a netCDF file exceed the expected number.
         """
         with self._writing():
             self._growing.add_sample(self._sample(time, diagnostics))
 
     def checkpoint(self, state_dict: Mapping[str, np.ndarray], steps: int) -> None:
-        """Replace the checkpoint by one from which the run can be resumed bit by bit.
+        """Replace the checkpoint by one from which the run can be resumed bit for bit.
 
         state_dict: the stepper's arrays; steps: its number of steps.
         """

@@ -33,8 +33,8 @@ class Summary(Mapping[str, Any]):
     """Outcome of a run, and the values of its JSON line by name; `print` shows them in a table."""
 
     status: str = "completed"
-    """completed, not begun, running, refused (before the first step), unstable, solver-failed,
-    timed-out, interrupted, or failed (the disk, a user-defined function)."""
+    """completed, not begun, running, refused (before the first step), unstable, solver-failed (or
+    another numerical error), timed-out, interrupted, or failed (the disk, a custom function)."""
     reason: str | None = None
     """Why the run stopped early, in words; None if it did not."""
     exit_status: int = 0

@@ -15,7 +15,7 @@ from swe_sphere.io.checkpoint import checkpoint_path
 from swe_sphere.io.integrals import area_mean
 from swe_sphere.io.runfile import TOLERANCE, RunFile, table_in
 from swe_sphere.io.scalar_fields import check_field, describe
-from swe_sphere.pictures.panels import Panel, draw_panel
+from swe_sphere.pictures.panels import ROUND, Panel, draw_panel
 from swe_sphere.pictures.plot import DOTS_PER_INCH, new_figure
 from swe_sphere.planet import DAY
 from swe_sphere.settings.values import SCENE, Setting
@@ -39,9 +39,11 @@ def run_members(
     shorter than requested, is resumed from its checkpoint.
 
     tell: called with a line for each member. Raises ConfigError for fewer than two seeds, a scene
-    without a seed, or a run that cannot be made; RunFailed if a run does not reach its end; and
-    Interrupted if the user stops it.
+    without a seed, a seed among the settings, or a run that cannot be made; RunFailed if a run does
+    not reach its end; and Interrupted if the user stops it.
     """
+    if "seed" in config.settings_of(SCENE):
+        raise ConfigError("scene.seed differs between members: set it with seeds (--seeds) only")
     if len(seeds) > 1000 or not 2 <= len(set(seeds)) == len(seeds):
         few = ",".join(map(str, seeds[:8])) or "none"
         raise ConfigError(f"seeds: give 2 to 1000 different numbers, got {few}")
@@ -93,7 +95,7 @@ def spread(files: Sequence[Path], field: str = "vorticity") -> pd.DataFrame:
 
     The columns are `day`; `spread`, the root mean square over the globe of the standard deviation
     of the members, in the units of the field; and `growth`, Δ ln spread / Δt since the frame before
-    [day-1], NaN for the first.
+    [day-1], NaN for the first frame and where the spread is zero.
 
     Raises ConfigError if the files are not on one mesh, lack the field or have other times, or if
     they do not differ in the field.
@@ -106,13 +108,14 @@ def spread(files: Sequence[Path], field: str = "vorticity") -> pd.DataFrame:
         times = times[[bool(np.any(np.abs(other.times - t) < TOLERANCE)) for t in times]]
         if times.size < min(2, runs[0].times.size) or not same:
             raise ConfigError(f"{other.path} has another mesh or other times than {runs[0].path}")
-    found = [np.var([run.values(field, time) for run in runs], axis=0, ddof=1) for time in times]
+    frames = (np.stack([run.values(field, time) for run in runs]) for time in times)
+    found = [np.var(each - each[0], axis=0, ddof=1) for each in frames]  # of equal values exactly 0
     if not any(each.any() for each in found):
         raise ConfigError(f"field {field}: it is the same in all members")
     table = pd.DataFrame({"day": times / DAY})
     table["spread"] = np.sqrt([area_mean(mesh.area, each) for each in found])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        table["growth"] = np.log(table["spread"]).diff() / table["day"].diff()
+    positive = table["spread"].where(table["spread"] > 0.0)
+    table["growth"] = np.log(positive).diff() / table["day"].diff()
     return table
 
 
@@ -123,15 +126,16 @@ def spread_files(field: str, folder: Path) -> list[Path]:
 
 def write_spread(table: pd.DataFrame, field: str, folder: Path) -> list[Path]:
     """Write the spread of a field as spread_FIELD.csv and as a picture beside it; return both."""
-    kind, picture = describe(field), io.BytesIO()
+    paths, kind, picture = spread_files(field, folder), describe(field), io.BytesIO()
     heads = ["day", f"spread [{kind.plain_units}]", "growth [day-1]"]
+    write_whole(paths[0], table.to_csv(index=False, header=heads, na_rep="nan"))
     figure = new_figure()
     figure.set_size_inches(6.4, 4.0)
     title = f"spread of {kind.title} [{kind.units}]"
-    curves = {"all members": table["spread"].to_numpy()}
-    draw_panel(figure.subplots(), Panel(title, DAY * table["day"].to_numpy(), curves), None)
+    positive = table["spread"] > 0.0  # zeros are left out of the logarithmic axis
+    values = table["spread"].where(positive, np.nan if positive.any() else ROUND).to_numpy()
+    panel = Panel(title, DAY * table["day"].to_numpy(), {"all members": values})
+    draw_panel(figure.subplots(), panel, None)
     figure.savefig(picture, format="png", dpi=DOTS_PER_INCH, metadata={"Source": MARKS[1]})
-    paths = spread_files(field, folder)
-    write_whole(paths[0], table.to_csv(index=False, header=heads, na_rep="nan"))
     write_whole(paths[1], picture.getvalue())
     return paths

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -79,9 +80,14 @@ class Store(Generic[R]):
 
     def __init__(self, folder: Path, form: type[R], suffix: str = "") -> None:
         self.folder, self._form, self._suffix = folder, form, suffix
-        paths = sorted(folder.glob("[0-9]*.json"))
+        paths = sorted(self._paths())
         self._last = max((int(path.stem.partition("-")[0]) for path in paths), default=0)
         self.records: list[R] = [read_record(path, form) for path in paths]
+
+    def _paths(self) -> list[Path]:
+        """Return the files of the records; files of other names are ignored."""
+        name = re.compile(r"\d+(-\d+)?\.json")
+        return [path for path in self.folder.glob("*.json") if name.fullmatch(path.name)]
 
     def add(self, record: R) -> R:
         """Write a record to the disk, synchronised, and return it in the form in which it is read.
@@ -105,7 +111,7 @@ class Store(Generic[R]):
         with locked(self.folder):
             try:
                 yield
-                for path in self.folder.glob("[0-9]*.json"):
+                for path in self._paths():
                     path.unlink()
             finally:
                 with suppress(OSError):  # the folder still contains records

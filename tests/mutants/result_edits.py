@@ -364,7 +364,7 @@ STUDIES = tested(
     ),
     (
         "a search for the error in time where the total one is known",
-        "swe_sphere/studies/sweep/engine.py",
+        "swe_sphere/studies/sweep/runs.py",
         ("test_sweep.py::test_a_search_is_for_the_total_error_where_it_is_known",),
         '"total" if "total" in found else "time"',
         '"time"',
@@ -387,8 +387,8 @@ STUDIES = tested(
         "growth of a spread in decades",
         ENSEMBLE,
         _MEMBERS,
-        'np.log(table["spread"])',
-        'np.log10(table["spread"])',
+        "np.log(positive)",
+        "np.log10(positive)",
     ),
     (
         "spread without weights",

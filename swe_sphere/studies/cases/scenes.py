@@ -27,10 +27,8 @@ from swe_sphere.testcases.flows import at_rest, cone, distance, solid_body, tilt
 from swe_sphere.testcases.harmonics import BalancedFlow, random_streamfunction
 from swe_sphere.testcases.user_scenes import made
 
-State = tuple[Array, Array, Array]
-"""u, v [m s-1] and h [m]."""
-
-
+ThreeFields = tuple[Array, Array, Array]
+"""u, v [m s-1] and h [m], or three other fields on the same points."""
 MEAN = 1000.0
 """Mean depth [m]."""
 EMPTY = Scene("empty", (), at_rest(MEAN), ne=4, days=1.0)
@@ -50,7 +48,7 @@ def decay(nu: float = 0.0, nu4: float = 0.0, default: bool = False) -> Scene:
     wavenumber = 12 / EARTH.radius**2
     rate = nu * wavenumber + nu4 * wavenumber**2
 
-    def exact(lon: Array, lat: Array, t: float) -> State:
+    def exact(lon: Array, lat: Array, t: float) -> ThreeFields:
         value, east, north = _harmonic(lon, lat)
         left = np.exp(-rate * t)
         wind = 10.0 * left
@@ -73,7 +71,7 @@ def friction(linear: float, quadratic: float, time: float) -> Scene:
     def equilibrium(lon: Array, lat: Array) -> Array:
         return MEAN + 100.0 * np.sin(lat) + 0.0 * lon
 
-    def exact(lon: Array, lat: Array, t: float) -> State:
+    def exact(lon: Array, lat: Array, t: float) -> ThreeFields:
         value, east, north = _harmonic(lon, lat)
         wind = 10.0 * np.stack([east, north])
         first = np.hypot(*wind)
@@ -100,13 +98,13 @@ def driven(alpha: float = np.pi / 4.0) -> Scene:
     """
     speed, drop, doubling = 40.0, 1000.0, 5.0 * DAY
 
-    def exact(lon: Array, lat: Array, t: float) -> State:
+    def exact(lon: Array, lat: Array, t: float) -> ThreeFields:
         return *solid_body(lon, lat, alpha, speed), first(lon, lat) * (1.0 + t / doubling)
 
     def first(lon: Array, lat: Array) -> Array:
         return 3000.0 - drop * tilted_latitude(lon, lat, alpha) ** 2
 
-    def forcing(lon: Array, lat: Array, t: float) -> State:
+    def forcing(lon: Array, lat: Array, t: float) -> ThreeFields:
         pull = speed**2 - 2.0 * EARTH.gravity * drop * (1.0 + t / doubling)
         push = pull / EARTH.radius * tilted_latitude(lon, lat, alpha)
         east = np.sin(alpha) * np.sin(lon)
@@ -122,7 +120,7 @@ def _starting(exact: UnsteadyState, base: Scene, **values: Any) -> Scene:
     return replace(base, initial=lambda lon, lat: exact(lon, lat, 0.0), exact=exact, **values)
 
 
-def _harmonic(lon: Array, lat: Array) -> State:
+def _harmonic(lon: Array, lat: Array) -> ThreeFields:
     """Return Y = x³ - 3 x y² + 15 x y z, and a times its gradient eastward and northward."""
     c, s = np.cos(lat), np.sin(lat)
     value = c**3 * np.cos(3.0 * lon) + 7.5 * s * c**2 * np.sin(2.0 * lon)
@@ -132,7 +130,7 @@ def _harmonic(lon: Array, lat: Array) -> State:
 
 
 def _changed(
-    name: str, change: Callable[[Array, Array, Array, Array, Array], State], **values: Any
+    name: str, change: Callable[[Array, Array, Array, Array, Array], ThreeFields], **values: Any
 ) -> Scene:
     """Return a built-in scene with other values, its initial state changed by `change`."""
     base = get_scene(name)
@@ -165,10 +163,9 @@ def homme_wave() -> Scene:
     """
     more = HOMME.radius / EARTH.radius
     return _changed(
-        "williamson6",
-        lambda lon, lat, u, v, h: (more * u, more * v, 8000.0 + more**2 * (h - 8000.0)),
-        planet=HOMME,
-    )
+        "williamson6", planet=HOMME,
+        change=lambda lon, lat, u, v, h: (more * u, more * v, 8000.0 + more**2 * (h - 8000.0)),
+    )  # fmt: skip
 
 
 def nondivergent_wave(depth: float) -> Scene:
@@ -208,7 +205,7 @@ def thin_layer(outside: float) -> Scene:
 def noisy(name: str) -> Scene:
     """The scene with noise from node to node, 1 m/s in the winds and 10 m in the depth (rms)."""
 
-    def change(lon: Array, lat: Array, u: Array, v: Array, h: Array) -> State:
+    def change(lon: Array, lat: Array, u: Array, v: Array, h: Array) -> ThreeFields:
         du, dv, dh = noise(lon.shape, seed=1)
         return u + du, v + dv, h + 10.0 * dh
 
@@ -245,10 +242,9 @@ def flow_over(bottom: Bottom) -> Scene:
     """The flow of williamson5 over another bottom."""
     mountain = BOTTOMS[bottom]
     return _changed(
-        "williamson5",
-        lambda lon, lat, u, v, h: (u, v, h + cone(lon, lat) - mountain(lon, lat)),
-        bottom=mountain,
-    )
+        "williamson5", bottom=mountain,
+        change=lambda lon, lat, u, v, h: (u, v, h + cone(lon, lat) - mountain(lon, lat)),
+    )  # fmt: skip
 
 
 def zonal(radius: float, gravity: float, rotation: float, depth: float) -> Scene:
@@ -256,7 +252,7 @@ def zonal(radius: float, gravity: float, rotation: float, depth: float) -> Scene
     speed = 40.0
     fall = (radius * rotation * speed + 0.5 * speed**2) / gravity
 
-    def exact(lon: Array, lat: Array, t: float) -> State:
+    def exact(lon: Array, lat: Array, t: float) -> ThreeFields:
         h = depth + fall * (1.0 / 3.0 - np.sin(lat) ** 2)
         return speed * np.cos(lat) + 0.0 * lon, 0.0 * (lon + lat), h + 0.0 * lon
 
@@ -304,7 +300,7 @@ def random_state(seed: int) -> Scene:
     hills = _hills(draw, 0.1 * depth)
     speed = wave * draw.uniform(0.02, 0.2)
 
-    def initial(lon: Array, lat: Array) -> State:
+    def initial(lon: Array, lat: Array) -> ThreeFields:
         u, v, h = _admissible(planet, depth, speed, seed).state(lon, lat)
         bumps = noise(lon.shape, seed)
         return (u + 1e-3 * wave * bumps[0], v + 1e-3 * wave * bumps[1],
