@@ -229,7 +229,7 @@ def test_the_file_that_a_run_begins_from_is_not_its_output(made):
     path, _ = made
     before = path.read_bytes()
     sim = Simulation("williamson6", ne=2, initial=path)
-    with pytest.raises(ConfigError, match="is the file from which the run starts"):
+    with pytest.raises(ConfigError, match="is a file that the run reads"):
         sim.run(days=0.25, out=path, overwrite=True)
     assert path.read_bytes() == before
 

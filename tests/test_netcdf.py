@@ -202,7 +202,7 @@ def test_series_are_those_of_the_first_frame_and_have_their_room(tmp_path, mesh)
         with pytest.raises(ValueError, match="must be a frame"):
             writer.record(0.0, {"mass": 1.0})
         writer.write(0.0, frame(mesh, 0), {"mass": 1.0})
-        with pytest.raises(ValueError, match="no diagnostics energy"):
+        with pytest.raises(RunFailed, match="no series of energy"):
             writer.record(60.0, {"mass": 2.0, "energy": 3.0})
         writer.record(60.0, {"mass": 2.0})
         with pytest.raises(ValueError, match="room for 2 samples only"):

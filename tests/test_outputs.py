@@ -275,6 +275,6 @@ def test_the_initial_file_is_not_replaced(tmp_path):
     simulation().run(days=0.25, out=tmp_path / "first.nc")
     before = (tmp_path / "first.nc").read_bytes()
     sim = simulation(initial=tmp_path / "first.nc")
-    with pytest.raises(ConfigError, match="is the file from which the run starts"):
+    with pytest.raises(ConfigError, match="is a file that the run reads"):
         sim.run(days=0.25, outputs=[Output(tmp_path / "first.nc")], overwrite=True)
     assert (tmp_path / "first.nc").read_bytes() == before

@@ -248,8 +248,7 @@ class Hyperviscosity(Effect):
             return {"nu4": self.nu}
         refinement = 1.0
         if mesh.stretch != 1.0:
-            plain = Mesh.build(mesh.ne, mesh.np, mesh.radius)
-            refinement = plain.spacing()[0] / mesh.spacing()[0]
+            refinement = Mesh.build(mesh.ne, mesh.np, mesh.radius).spacing()[0] / mesh.spacing()[0]
         default = hyperviscosity_default(mesh.ne, mesh.np, mesh.radius, refinement)
         return {"nu4": self.factor * default}
 

@@ -58,8 +58,7 @@ class DifferenceJacobian:
     def __call__(self, direction: wp.array, out: wp.array) -> None:
         """Write J times the direction to `out`, another array; costs one right-hand side."""
         self._model.counters["tangent_evaluations"] += 1
-        relative = float((self._largest(direction) / self._sizes).max())
-        if relative == 0.0:
+        if (relative := float((self._largest(direction) / self._sizes).max())) == 0.0:
             out.zero_()
             return
         e, combine = self._root / relative, self._model.launch.combine

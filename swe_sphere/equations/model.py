@@ -141,8 +141,7 @@ class Model(DiscreteScene):
         initial = mixing_ratios(self.scene, self.mesh)
         if unknown := tracers.keys() - initial.keys():
             raise ValueError(f"{self.scene.name} has no tracers {', '.join(sorted(unknown))}")
-        ratios = initial | tracers
-        masses = {f"hq_{name}": h * q for name, q in ratios.items()}
+        masses = {f"hq_{name}": h * q for name, q in (initial | tracers).items()}
         values = {"u": u, "v": v, "h": h} | masses | dict.fromkeys(MassFlux.names, np.zeros(1))
         blocks = [np.broadcast_to(values[name], self.mesh.size) for name in self.names]
         return self.device_mesh.scatter(np.concatenate(blocks))
@@ -202,12 +201,10 @@ class Model(DiscreteScene):
         counter = COMPONENTS[component].counter
         fields = (self.wind,) if component == "tangent" else (self.wind, self.forcing)
         return RightHandSide(
-            operations=tuple(operations),
+            operations=tuple(operations), counters=self.counters, replay=Replay(self.launch),
             prescribed=tuple(each for each in fields if counter and not each.steady),
-            counters=self.counters,
             counter=counter if counted else None,
-            replay=Replay(self.launch),
-        )
+        )  # fmt: skip
 
     @cached_property
     def tendency(self) -> RightHandSide:

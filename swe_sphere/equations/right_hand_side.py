@@ -112,23 +112,20 @@ def fluid_operations(
     point = pointwise_terms(model.scene, component, model.parameters)
     steady_base = model.parameters.get("base")
     given = {} if base is None or steady_base is not None else {"base": base}
-    operations, source = [], None
+    combine, held, source = model.launch.combine, model.held, None
+    operations: list[Operation] = []
     if steady_base is not None and component != "tangent":
-
-        def subtract(x: wp.array, out: wp.array) -> None:
-            model.launch.combine(x, steady_base, -1.0, out=out)
-
         source = model.scratch("difference")
-        operations.append(Operation(subtract, target=source))
+        operations.append(
+            Operation(lambda x, out: combine(x, steady_base, -1.0, out=out), target=source)
+        )
     operations += term_operations(model, terms, point, given, stage, source)
     factor = 1.0 if stage is None else stage.tau
-    if model.held is not None and component in ("all", "dissipative"):
-        held = model.held
-
-        def add_held(x: wp.array, out: wp.array) -> None:
-            model.launch.combine(wind := out[: held.size], held, factor, out=wind)
-
-        operations.append(Operation(add_held, source))
+    if held is not None and component in ("all", "dissipative"):
+        n = held.size
+        operations.append(
+            Operation(lambda x, out: combine(out[:n], held, factor, out=out[:n]), source)
+        )
     if "edge-penalty" in _flags(model.scene, component):
         penalty = model.edge_penalty
         operations.append(Operation(lambda x, out: penalty(x, factor, out, out), source))

@@ -183,8 +183,7 @@ class Scene:
         The exact solution is removed too, unless the effect is tracers, diffusion or the edge
         penalty. Raises ConfigError if the scene does not have the effect.
         """
-        effect = self.effect(name)
-        if effect is None:
+        if (effect := self.effect(name)) is None:
             raise self.lacks(name)
         kept = tuple(e for e in self.effects if e.name != name)
         changes: dict[str, Any] = {"effects": kept}

@@ -23,8 +23,7 @@ TRANSPORT = ("all", "conservative", "tangent")
 
 def mixing_ratios(scene: Scene, mesh: Mesh) -> dict[str, Array]:
     """Return the initial mixing ratios (N,) of the scene's tracers by name."""
-    formulas = scene.tracers or {}
-    return {name: formula(mesh.lon, mesh.lat) for name, formula in formulas.items()}
+    return {name: formula(mesh.lon, mesh.lat) for name, formula in (scene.tracers or {}).items()}
 
 
 class TracerEquations:
@@ -56,7 +55,7 @@ class TracerEquations:
         Raises ConfigError for a stage with diffusion, which can only be added to rates.
         """
         if component not in TRANSPORT:
-            operations = [Operation(partial(_clear, self.first))]
+            operations = [Operation(lambda x, out: out[self.first :].zero_())]
         elif component == "tangent" and self._wind is None:
             transport = self._transport.tangent
             operations = [Operation(lambda x, out: transport(base, x, self.first, out))]
@@ -94,18 +93,13 @@ class TracerEquations:
         return Limiter(self._model.device_mesh, self.depth, self.first, *bounds)
 
 
-def _clear(first: int, x: wp.array, out: wp.array) -> None:
-    out[first:].zero_()
-
-
 class _Diffusion:
     """Adds viscosity and hyperviscosity of q (h + b) to the tendencies of hq."""
 
     def __init__(self, tracers: TracerEquations, model: DiscreteScene, terms: Terms) -> None:
         mesh, count = model.device_mesh, tracers.count
         self._model, self._launch = model, model.launch
-        kernels = model.launch.compile(mesh.real, raised, raised_tangent)
-        self._kernel, self._tangent_kernel = kernels
+        self._kernel, self._tangent_kernel = model.launch.compile(mesh.real, raised, raised_tangent)
         self._dim, self._first, self._size = (count, mesh.size), tracers.first, mesh.size
         self._offsets = (tracers.depth, tracers.first, mesh.size)
         has_bottom = model.scene.effect("orography") is not None
@@ -163,7 +157,7 @@ class MassFlux:
         if component == "tangent":
             raise NotImplementedError("the mass flux has no tangent")
         if component not in TRANSPORT:
-            return [Operation(partial(_clear, self.first))]
+            return [Operation(lambda x, out: out[self.first :].zero_())]
         return [Operation(lambda x, out: self.carry(x, x, out, stage))]
 
     def carry(self, wind: wp.array, x: wp.array, out: wp.array, stage: Any = None) -> None:

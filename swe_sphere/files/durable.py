@@ -88,8 +88,7 @@ def _mark(path: Path, number: str) -> str:
 
 def _new_name(path: Path, ending: str = PART) -> Path:
     """Return an unpredictable name beside a path, with the mark of this program."""
-    number = secrets.token_hex(4)
-    token = number + _mark(path, number)
+    token = (number := secrets.token_hex(4)) + _mark(path, number)
     return path.with_name(f".{path.name[:SHOWN]}.{token}{ending}{path.suffix}")
 
 

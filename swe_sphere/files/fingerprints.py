@@ -38,8 +38,7 @@ LIBRARIES = ("warp-lang", "numpy", "scipy")
 
 def fingerprint(values: object) -> str:
     """Return a short name for plain values: equal values have equal names in any process."""
-    text = json.dumps(values, sort_keys=True, default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 
 def file_fingerprint(path: Path) -> str:
@@ -70,8 +69,7 @@ def _sources(name: str) -> list[Path]:
     """
     spec = find_spec(f"swe_sphere.{name}".rstrip("."))
     assert spec is not None
-    folders = spec.submodule_search_locations
-    if folders is None:
+    if (folders := spec.submodule_search_locations) is None:
         return [Path(str(spec.origin))]
     found = (path for at in folders for path in Path(at).glob("**/*" if name else "*"))
     kinds = ".py", ".cpp", ".toml"
@@ -84,8 +82,7 @@ def code_of(source: str) -> str:
     Parsing would be exact for any source but takes half a second for the package. The expression
     handles sources as the formatter writes them; a test compares it with the parser.
     """
-    stripped = TEXT.sub(_without_text, source)
-    return "\n".join(line for line in stripped.splitlines() if line.strip())
+    return "\n".join(line for line in TEXT.sub(_without_text, source).splitlines() if line.strip())
 
 
 def _without_text(found: re.Match[str]) -> str:

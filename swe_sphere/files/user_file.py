@@ -26,9 +26,8 @@ def check_trusted(name: object, path: Path, trusted: Iterable[Path], is_code: bo
 
     A TOML file counts because its scene may use a Python file. is_code: any file counts.
     """
-    given = {Path(each).absolute() for each in trusted}
     is_code = is_code or str(name).endswith((".py", ".toml"))
-    if is_code and Path(str(name)).absolute() not in given:
+    if is_code and Path(str(name)).absolute() not in {Path(each).absolute() for each in trusted}:
         raise ConfigError(
             f"{path} names the file {name}, whose code would be executed: read it, then allow it"
             f" with --trust {shlex.quote(str(name))} (in Python: trust=[...])"

@@ -274,8 +274,7 @@ class GrowingStore(GrowingOutput):
         lengths = {"time": records, SERIES: self.samples}
         for name, axes in self._axes.items():
             if axes and axes[0] in lengths:
-                shape = self._consolidated["metadata"][f"{name}/.zarray"]["shape"]
-                shape[0] = lengths[axes[0]]
+                self._consolidated["metadata"][f"{name}/.zarray"]["shape"][0] = lengths[axes[0]]
         write_whole(self._root / CONSOLIDATED, json.dumps(self._consolidated))
 
     @property

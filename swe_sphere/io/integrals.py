@@ -47,10 +47,9 @@ def norms(area: Array, numeric: ArrayLike, exact: ArrayLike) -> dict[str, float]
     """
     ours, theirs = (np.asarray(x, dtype=float).reshape(-1, area.size) for x in (numeric, exact))
     error, size = np.linalg.norm(ours - theirs, axis=0), np.linalg.norm(theirs, axis=0)
-    square = area_mean(area, error**2) / (area_mean(area, size**2) or 1.0)
     return {
         "l1": area_mean(area, error) / (area_mean(area, size) or 1.0),
-        "l2": float(np.sqrt(square)),
+        "l2": float(np.sqrt(area_mean(area, error**2) / (area_mean(area, size**2) or 1.0))),
         "linf": float(np.max(error) / (np.max(size) or 1.0)),
     }
 

@@ -165,10 +165,9 @@ def _on_nodes(mesh: Mesh, bottom: ArrayLike, coriolis: ArrayLike) -> dict[str, A
         "lat": np.degrees(mesh.lat), "lon": np.degrees(mesh.lon), "b": bottom, "f": coriolis,
         "area": mesh.area,
     }  # fmt: skip
-    tables = VARIABLES["coordinates"] | VARIABLES["constants"]
     return {
         name: ("node", np.full(mesh.size, values[name], float), {**about})
-        for name, about in tables.items()
+        for name, about in (VARIABLES["coordinates"] | VARIABLES["constants"]).items()
     }
 
 
@@ -223,6 +222,5 @@ def decode(data: xr.Dataset, place: object) -> xr.Dataset:
 
 def history(action: str, before: str = "") -> str:
     """Return a line for this action, above the lines `before` it (CF-1.11, section 2.6.2)."""
-    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    line = f"{now} swe-sphere {__version__}: {action}"
+    line = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} swe-sphere {__version__}: {action}"
     return f"{line}\n{before}" if before else line

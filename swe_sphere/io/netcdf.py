@@ -107,11 +107,9 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         self._begun = False
 
     def write(
-        self,
-        time: float,
-        fields: Mapping[str, Array],
+        self, time: float, fields: Mapping[str, Array],
         diagnostics: Mapping[str, float | None] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Append a frame at time [s since the start] and sync it to the disk.
 
         fields: h [m], u, v [m s-1], vorticity, divergence [s-1], q_NAME of each tracer and

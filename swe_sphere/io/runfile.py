@@ -105,8 +105,7 @@ def reading(path: str | os.PathLike[str]) -> Iterator["xr.Dataset"]:
 
     with clear_errors(f"cannot read {path}"):
         check_moved(Path(path))
-        kind = engine(Path(path))
-        if kind == "zarr":
+        if (kind := engine(Path(path))) == "zarr":
             check_zarr(Path(path))
         elif Path(path).is_dir():
             raise ConfigError(f"{path} is a folder: give the name of a file in it")
@@ -126,8 +125,7 @@ def reading(path: str | os.PathLike[str]) -> Iterator["xr.Dataset"]:
     except Exception as error:  # decoders of damaged data raise errors of all kinds
         why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
         why = f"it is damaged, cut short, or not a file of this kind ({why})"
-        denied = not os.access(path, os.R_OK)
-        why = os.strerror(errno.EACCES) if denied else why
+        why = why if os.access(path, os.R_OK) else os.strerror(errno.EACCES)
         raise ConfigError(f"cannot read {path}: {why}") from error
 
 
@@ -183,8 +181,7 @@ class Source(ABC):
     @property
     def title(self) -> str:
         """Title of the run, or the name of the file."""
-        scene = self.attributes.get("scene", self.path.stem)
-        return str(self.attributes.get("title", scene))
+        return str(self.attributes.get("title", self.attributes.get("scene", self.path.stem)))
 
     @abstractmethod
     def frame(self, time: float | None = None) -> dict[str, Array]:

@@ -109,8 +109,7 @@ def evaluate(sampler: Sampler | None, fields: Mapping[str, Array], name: str) ->
     """
     if sampler is None:
         return derive(fields, name)
-    made = name in ("speed", "wind", "kinetic_energy") and name not in fields
-    if made or name in ("u", "v"):
+    if (name in ("speed", "wind", "kinetic_energy") and name not in fields) or name in ("u", "v"):
         u, v = sampler.wind(*derive(fields, "wind"))
         return derive({"u": u, "v": v}, name)
     return sampler(derive(fields, name))

@@ -47,10 +47,9 @@ def _lattice(ne: int, np_: int) -> Integers:
 def lattice_tangents(ne: int, points: Array) -> Array:
     """Return tan(alpha) (M+1,), antisymmetric, at the lattice coordinates for GLL points (np,)."""
     middles = (np.arange(ne) + 0.5) / ne - 0.5
-    angles = 0.5 * np.pi * (middles[:, None] + 0.5 * points / ne)
     lattice = _lattice(ne, points.size)
     line = np.empty(lattice[-1, -1] + 1)
-    line[lattice] = np.tan(angles)
+    line[lattice] = np.tan(0.5 * np.pi * (middles[:, None] + 0.5 * points / ne))
     line = 0.5 * (line - line[::-1])
     line[0], line[-1] = -1.0, 1.0
     return line

@@ -27,8 +27,7 @@ def gll_weights(points: Array) -> Array:
     n = points.size
     values = legendre.Legendre.basis(n - 1)(points)
     values = 0.5 * (np.abs(values) + np.abs(values[::-1]))  # exactly symmetric
-    weights: Array = 2.0 / (n * (n - 1) * values**2)
-    return weights
+    return np.asarray(2.0 / (n * (n - 1) * values**2))
 
 
 def derivative_matrix(points: Array) -> Array:

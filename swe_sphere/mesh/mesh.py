@@ -122,8 +122,7 @@ class Mesh:
         weight of its node. The cells cover the sphere; edges are great circles. At the corners of
         the cube a cell has three corners, of which the last is repeated.
         """
-        cuts = np.cumsum(self.gll_weights)[:-1] - 1.0
-        at = gll.lagrange(self.gll_points, cuts)
+        at = gll.lagrange(self.gll_points, np.cumsum(self.gll_weights)[:-1] - 1.0)
         inside = np.einsum("ai,bj,eijx->eabx", at, at, self.xyz[self.nodes]).reshape(-1, 3)
         inside /= np.linalg.norm(inside, axis=1)[:, None]
         quads = self.quads()

@@ -28,8 +28,7 @@ def curve(ne: int) -> Integers:
     for face, turn in PATH:
         x, y = (second, first) if turn & 1 else (first, second)
         x, y = (ne - 1 - x if turn & 2 else x), (ne - 1 - y if turn & 4 else y)
-        along = _hilbert(x * side // ne, y * side // ne, side)
-        pieces.append(face * ne**2 + np.argsort(along))
+        pieces.append(face * ne**2 + np.argsort(_hilbert(x * side // ne, y * side // ne, side)))
     return np.concatenate(pieces)
 
 
@@ -179,8 +178,7 @@ class Partition:
         """(N,) 0 inside an element, 1 on an edge, 2 at a vertex."""
         in_blocks = order is not None or per_chunk % BLOCK == 0
         block, lane = np.divmod(first_element, BLOCK if in_blocks else 1)
-        order_of_nodes = np.lexsort((lane, first_point, block, self._kind))
-        self._place = inverse_permutation(order_of_nodes)
+        self._place = inverse_permutation(np.lexsort((lane, first_point, block, self._kind)))
         """(N,) place of each node in an order like that of the mesh, but along the curve."""
         ranks = self._rank[element]
         lowest, highest = (f.reduceat(ranks, offsets) for f in (np.minimum, np.maximum))
@@ -192,10 +190,9 @@ class Partition:
         self._lateness = self._late[chunk]
 
     def part(self, rank: int) -> Part:
-        mesh = self._mesh
         elements = self._order[self._rank[self._order] == rank]
         elements = elements[np.argsort(self._lateness[elements], kind="stable")]
-        nodes, inverse = np.unique(mesh.nodes[elements], return_inverse=True)
+        nodes, inverse = np.unique(self._mesh.nodes[elements], return_inverse=True)
         chunk = self._owner[nodes]
         turn = np.where(self._rank_of_chunk[chunk] == rank, self._late[chunk], 2)
         order = np.lexsort((self._place[nodes], turn, self._kind[nodes]))

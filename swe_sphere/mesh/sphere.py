@@ -17,8 +17,7 @@ def position(lon: ArrayLike, lat: ArrayLike) -> Array:
 def angle(point: Array, other: Array) -> Array:
     """Return the angle [rad] between unit vectors (..., 3), accurate near 0 and pi too."""
     apart, along = (np.linalg.norm(x, axis=-1) for x in (point - other, point + other))
-    result: Array = 2.0 * np.arctan2(apart, along)
-    return result
+    return np.asarray(2.0 * np.arctan2(apart, along))
 
 
 def frame(lon: Array, lat: Array) -> tuple[Array, Array]:

@@ -49,8 +49,7 @@ class Chunks:
         sent = mine.reshape(-1)[: counts[self._comm.rank]]
         self._comm.gather(sent, counts, everything.reshape(-1))
         add_up.launch()
-        total: Array = everything[0]
-        return total
+        return np.asarray(everything[0])
 
     def _build_trees(self, width: int) -> "list[tuple[Array, wp.Launch]]":
         """Return the tree above the chunks of this rank, and the tree above all branches.

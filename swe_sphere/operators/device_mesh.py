@@ -102,8 +102,7 @@ class DeviceMesh(NotCopyable):
         """Unique node numbers of the element nodes; for runs see `kernels/simd/memory.py`."""
         numbers = self.in_lanes(self.part.node_of.reshape(self.elements, self.points, 1))
         if self.lanes > 1:
-            first = numbers[..., 0]
-            first[(np.diff(numbers) == 1).all(axis=-1)] ^= -1
+            numbers[..., 0][(np.diff(numbers) == 1).all(axis=-1)] ^= -1
         return self.registers(numbers[:, :, 0], wp.int32)
 
     @functools.cached_property
@@ -114,8 +113,7 @@ class DeviceMesh(NotCopyable):
     @functools.cached_property
     def inverse_jacobian(self) -> wp.array:
         """One over the area element [m-2]."""
-        jacobian = self.mesh.jacobian[self.part.elements]
-        return self.on_elements(1.0 / jacobian)
+        return self.on_elements(1.0 / self.mesh.jacobian[self.part.elements])
 
     @functools.cached_property
     def derivative(self) -> wp.array:
@@ -219,8 +217,7 @@ class DeviceMesh(NotCopyable):
 
     def geometry(self, kind: Any, given: Mapping[str, Any] | None = None) -> Any:
         """Return a Warp structure `kind`, with members by name from `given`, else from the mesh."""
-        known = {"size": self.size} | dict(given or {})
-        filled = kind()
+        filled, known = kind(), given or {}
         for name in kind.vars:
             setattr(filled, name, known[name] if name in known else getattr(self, name))
         return filled
@@ -332,9 +329,8 @@ class DeviceMesh(NotCopyable):
             return
         for field in range(0, numbers, self.size):
             for span in self.strips.spans:
-                begin, end, _ = span
-                cuts = span.cut(begin, end, 1, field)
-                self.launch(kernel, end - begin, field + begin, *inputs, cuts=cuts)
+                cuts = span.cut(span.begin, span.end, 1, field)
+                self.launch(kernel, span.end - span.begin, field + span.begin, *inputs, cuts=cuts)
 
     def _positions(self, entries: NDArray[Any], width: int) -> NDArray[np.int64]:
         """Return the offsets of element nodes (element np^2 + point) in rows of the length `width`.
@@ -358,9 +354,8 @@ class DeviceMesh(NotCopyable):
 
     def upload(self, values: Array) -> wp.array:
         """Return a numpy array on the device in the number type of the run."""
-        return wp.array(
-            np.ascontiguousarray(values, self.numpy_real), dtype=self.real, device=self.device
-        )
+        numbers = np.ascontiguousarray(values, self.numpy_real)
+        return wp.array(numbers, dtype=self.real, device=self.device)
 
     def write(self, values: NDArray[Any], to: wp.array) -> None:
         """Copy numbers (k,) from the host to the front of an array, on a CPU without Warp."""
@@ -376,8 +371,7 @@ class DeviceMesh(NotCopyable):
 
         The result contains registers of lanes. scalar: a number type other than the run's.
         """
-        rows = values.reshape(self.elements, -1, math.prod(tail))
-        lanes = self.in_lanes(rows)
+        lanes = self.in_lanes(values.reshape(self.elements, -1, math.prod(tail)))
         return self.registers(lanes.reshape(*lanes.shape[:2], *tail, self.lanes), scalar)
 
     def in_lanes(self, values: NDArray[Any]) -> NDArray[Any]:

@@ -43,5 +43,4 @@ def _slope(mesh: Mesh, along: str, field: Array) -> Array:
     """
     # elements last: sums then run along many elements, in a third of the time
     by_point = np.ascontiguousarray(np.moveaxis(field, 0, -1))
-    slope: Array = np.einsum(along, mesh.derivative, by_point)
-    return slope
+    return np.asarray(np.einsum(along, mesh.derivative, by_point))

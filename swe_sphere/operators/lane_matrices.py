@@ -14,8 +14,7 @@ from swe_sphere.operators.device_mesh import DeviceMesh, Field
 
 def vector(mesh: DeviceMesh, size: int) -> Field:
     """Return zeros (size,) in whole registers, with one register before and one behind."""
-    registers = np.zeros((-(-size // mesh.lanes) + 2, mesh.lanes))
-    return mesh.field(mesh.registers(registers)[1:-1])
+    return mesh.field(mesh.registers(np.zeros((-(-size // mesh.lanes) + 2, mesh.lanes)))[1:-1])
 
 
 def _grouped(

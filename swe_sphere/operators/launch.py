@@ -93,8 +93,7 @@ class Launcher(NotCopyable):
         start, worked = time.perf_counter(), time.process_time()
         modules = {kernel.module.name: kernel.module for kernel in kernels}.values()
         with self.comm.root_first():  # the root compiles for all ranks
-            new = [module for module in modules if not self._cached(module).exists()]
-            if new:
+            if new := [module for module in modules if not self._cached(module).exists()]:
                 with compiling(), ThreadPoolExecutor(os.cpu_count()) as pool:
                     self._load(new[0])  # alone, because it compiles Warp's headers
                     list(pool.map(self._load, new[1:]))
@@ -133,8 +132,7 @@ class Launcher(NotCopyable):
     ) -> None:
         """Run the kernel over `dim` threads, which may be cut into strips."""
         key = (id(kernel), dim, *map(_identity, arguments))
-        known = self._commands.get(key)
-        if known is None:
+        if (known := self._commands.get(key)) is None:
             if len(self._commands) >= REMEMBERED:
                 self.forget()
             command = wp.launch(
@@ -191,8 +189,7 @@ def keep_headers() -> None:
     identifies headers by path. Their templates are instantiated once, in the compiled headers,
     instead of for each kernel, which saves 0.1 s per kernel.
     """
-    context = warp_internals()
-    if context is None or context.runtime.llvm is None:
+    if (context := warp_internals()) is None or context.runtime.llvm is None:
         return
     flags = wp.config.cpu_compiler_flags
     if flags is not None and TEMPLATES not in flags:

@@ -32,10 +32,9 @@ class EdgePenaltyOperator:
         at_edge = np.pad(np.zeros((mesh.mesh.np - 2,) * 2), 1, constant_values=1.0)
         gamma = strength[:, None, None] * at_edge
         weight = assemble(mesh.mesh, gamma * mesh.mesh.quadrature * mesh.mesh.jacobian)
-        scale = np.divide(
-            1.0, weight * mesh.mesh.area, where=weight > 0.0, out=np.zeros_like(weight)
+        self._mean_scale = mesh.scatter(
+            np.divide(1.0, weight * mesh.mesh.area, where=weight > 0.0, out=np.zeros_like(weight))
         )
-        self._mean_scale = mesh.scatter(scale)
         self._jumps, self._weak = mesh.local(2, types.value), mesh.local(2, types.value)
         self._means = wp.zeros(2 * mesh.size, dtype=mesh.real, device=mesh.device)
         given = {
@@ -61,10 +60,8 @@ class EdgePenaltyOperator:
         shape = mesh.lanes, mesh.size, 2, 0
         stage = mesh.stage_at(start, factor)
         geometry = self._geometry_of(stage)
-        wind = x, x, 0, 1
-        mesh.sweep(jumps, self._derivatives, threads, self._geometry, *wind, jumps.values, x)
+        mesh.sweep(jumps, self._derivatives, threads, self._geometry, x, x, 0, 1, jumps.values, x)
         places = mesh.places(2)
         self._sum_means(places, self._mean_scale, *shape, jumps.flat, mesh.stage, means)
-        averaged = means, means, 0, 1
-        mesh.sweep(weak, self._weak_form, threads, geometry, *averaged, weak.values, out)
+        mesh.sweep(weak, self._weak_form, threads, geometry, means, means, 0, 1, weak.values, out)
         self._sum(places, mesh.inverse_area, *shape, weak.flat, stage, out)

@@ -40,8 +40,7 @@ class Replay:
 
     def launch(self, key: Hashable) -> bool:
         """Launch the recording of the key; return False if there is none."""
-        known = self._known.get(key)
-        if known is None or not self._launch.records:
+        if (known := self._known.get(key)) is None or not self._launch.records:
             return False
         pieces, counters = known
         for piece in pieces:
@@ -59,10 +58,9 @@ class Replay:
         first, counted, pieces = key not in self._known, dict(self._counters), Pieces()
         if first and len(self._known) >= REMEMBERED:
             self._known.clear()
-        capture = nullcontext() if first else _captured(self._launch, pieces)
         self._launch.records = False  # in the block
         try:
-            with capture:
+            with nullcontext() if first else _captured(self._launch, pieces):
                 yield
         finally:
             self._launch.records = True

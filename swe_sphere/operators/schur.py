@@ -70,9 +70,8 @@ class Damping:
         self._ones, self._once, self._twice = (
             mesh.on_elements(np.ones_like(jacobian)) for _ in range(3)
         )
-        dtype = self._mass.dtype
-        self._first, self._east, self._north = (mesh.local(1, dtype) for _ in range(3))
-        self._second = mesh.unshared(1, dtype)
+        self._first, self._east, self._north = (mesh.local(1, self._mass.dtype) for _ in range(3))
+        self._second = mesh.unshared(1, self._mass.dtype)
         self.state = wp.zeros(3 * mesh.size, dtype=given, device=mesh.device)
         """State of the last call of `damp_wind`."""
 
@@ -179,8 +178,7 @@ class SchurOperator:
     def spread(self, x: wp.array, out: Field) -> None:
         """Copy a nodal vector (N,) of any number type to a field."""
         kernel, _ = self._passages(x.dtype)
-        mesh = self.mesh
-        mesh.launch(kernel, self.dim, 0, mesh.nodes, x, out.values, cuts=mesh.cuts)
+        self.mesh.launch(kernel, self.dim, 0, self.mesh.nodes, x, out.values, cuts=self.mesh.cuts)
 
     def collect(self, x: Field, out: wp.array) -> None:
         """Copy a field, with the same bits in all elements of a node, to a nodal vector (N,)."""
@@ -256,8 +254,7 @@ class SchurOperator:
         last = last or d
         self._differentiate(last)
         east, north = self._east, self._north
-        slopes = east.values, east.flat, north.values, north.flat
-        self._diverge(self._slope_fluxes, *slopes)
+        self._diverge(self._slope_fluxes, east.values, east.flat, north.values, north.flat)
         self._smooth(sign, coefficients, b or r, last, r, d, x)
 
     def chebyshev_start(

@@ -46,8 +46,7 @@ class ElementSpace:
 
 def gradient(mesh: Mesh) -> scipy.sparse.csr_matrix:
     """Return (2N, N) [m-1]: eastward and northward components of the gradient of a nodal field."""
-    b = mesh.basis
-    weight = mesh.quadrature
+    b, weight = mesh.basis, mesh.quadrature
     east = _derivatives(mesh, weight * b[..., 1, 1], -weight * b[..., 0, 1])
     north = _derivatives(mesh, -weight * b[..., 1, 0], weight * b[..., 0, 0])
     return scipy.sparse.vstack([east, north], format="csr")
@@ -90,10 +89,8 @@ def stiffness(
         lines, numbers = lines @ space.values, space.numbers
     parts = [slice(e, e + PART) for e in range(0, mesh.elements, PART)]
     blocks = np.concatenate([_stiffness_of(mesh, coefficient, lines, part) for part in parts])
-    rows = np.broadcast_to(numbers[:, :, None], blocks.shape)
-    columns = np.broadcast_to(numbers[:, None, :], blocks.shape)
-    index = (rows.ravel(), columns.ravel())
-    size = int(numbers.max()) + 1
+    sides, size = (numbers[:, :, None], numbers[:, None, :]), int(numbers.max()) + 1
+    index = tuple(np.broadcast_to(side, blocks.shape).ravel() for side in sides)
     return scipy.sparse.coo_array((blocks.ravel(), index), (size, size)).tocsr()
 
 
@@ -102,8 +99,7 @@ def _stiffness_of(mesh: Mesh, coefficient: Array, lines: Array, part: slice) -> 
     inverse = np.linalg.inv(np.einsum("eijak,eijbk->eijab", mesh.basis[part], mesh.basis[part]))
     factor = mesh.quadrature * mesh.jacobian[part] * coefficient[mesh.nodes[part]]
     metric = (factor[..., None, None] * inverse).reshape(len(factor), -1, 2, 2)
-    blocks: Array = np.einsum("apm,epab,bpn->emn", lines, metric, lines, optimize=True)
-    return blocks
+    return np.asarray(np.einsum("apm,epab,bpn->emn", lines, metric, lines, optimize=True))
 
 
 def _lines(mesh: Mesh) -> Array:
@@ -204,8 +200,7 @@ class Probing:
         columns = np.repeat(np.arange(mesh.size, dtype=np.int32), np.diff(near.indptr))
         order = np.argsort(self.colours[columns], kind="stable")
         self._rows, self._columns = near.indices[order], columns[order]
-        counts = np.bincount(self.colours[columns])
-        self._ends = np.concatenate([[0], np.cumsum(counts)])
+        self._ends = np.concatenate([[0], np.cumsum(np.bincount(self.colours[columns]))])
 
     def matrix(self, product: Callable[[Array], Array], fields: int) -> scipy.sparse.csr_array:
         """Return the matrix of `product` on (fields N,) that only couples nodes of an element."""
@@ -214,10 +209,9 @@ class Probing:
         for colour in range(self._ends.size - 1):
             part = slice(*self._ends[colour : colour + 2])
             rows = self._rows[part] + n * np.arange(fields, dtype=np.int32)[:, None]
-            mine = self.colours == colour
             for field in range(fields):
                 direction = np.zeros((fields, n))
-                direction[field, mine] = 1.0
+                direction[field, self.colours == colour] = 1.0
                 values = product(direction.ravel())[rows]
                 columns = np.broadcast_to(self._columns[part] + n * field, rows.shape)
                 there = values != 0.0

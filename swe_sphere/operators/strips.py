@@ -50,8 +50,7 @@ class Strips:
             self.spans.append(Span(begin, end, starts))
             done[begin:end] = np.searchsorted(starts, np.arange(begin, end), side="right") - 1
         reach = int((strip - done[part.node_of]).max())
-        groups = -(-np.minimum(numbers * width, elements) // lanes)
-        self.groups = Cuts(groups, 0, 1, reach)
+        self.groups = Cuts(-(-np.minimum(numbers * width, elements) // lanes), 0, 1, reach)
 
 
 class StripLaunches:

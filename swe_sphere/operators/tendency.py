@@ -59,9 +59,8 @@ class TendencyOperator:
 
 
 def pointwise_operator(
-    mesh: DeviceMesh, unknowns: int, parameters: Mapping[str, Any], point: Pointwise,
-    stage: Any,
-) -> Callable[[wp.array, wp.array], None]:  # fmt: skip
+    mesh: DeviceMesh, unknowns: int, parameters: Mapping[str, Any], point: Pointwise, stage: Any
+) -> Callable[[wp.array, wp.array], None]:
     """Return the function (x, out) of the pointwise terms for a model without derivatives.
 
     Arguments are those of `TendencyOperator`.

@@ -109,8 +109,7 @@ class Limiter:
         self._local = mesh.scratch(self._count, types.value)
         self._places = mesh.places(self._count)
         self._add = mesh.over_nodes(assemble_blocks)
-        area = mesh.restrict(mesh.mesh.area)
-        self._area = wp.array(area, dtype=wp.float64, device=mesh.device)
+        self._area = wp.array(mesh.restrict(mesh.mesh.area), dtype=wp.float64, device=mesh.device)
         chunks, count = mesh.chunks, self._count
         self._partial = wp.zeros((chunks.count, count), dtype=wp.vec3d, device=mesh.device)
         self._everything = self._partial
@@ -162,9 +161,8 @@ class Crossings:
 
     def bound(self, flux: wp.array, air: wp.array) -> float:
         """Return the spectral radius [s-1] of q -> div(q flux) / air, or up to a third more."""
-        mesh = self._mesh
-        mesh.launch(self._kernel, mesh.groups, self._geometry, flux, air, self._most)
-        return self._symbol * float(mesh.comm.gather_number(self._most.numpy().max()).max())
+        self._mesh.launch(self._kernel, self._mesh.groups, self._geometry, flux, air, self._most)
+        return self._symbol * float(self._mesh.comm.gather_number(self._most.numpy().max()).max())
 
 
 class MassSteps:
@@ -211,8 +209,7 @@ class MassSteps:
         """Return the array that the flow carries t [s] after the beginning, and its offset."""
         if self._ratio is None:
             return state, self._first
-        depth = state[self._depth]
-        self._mesh.launch.combine(self._old, self._rate, t, out=depth)
+        self._mesh.launch.combine(self._old, self._rate, t, out=state[self._depth])
         self._ratio.set(state)
         return self._ratio.values, 0
 

@@ -18,9 +18,7 @@ if TYPE_CHECKING:
 Pair = tuple[float, float]
 Four = tuple[float, float, float, float]
 
-PROJECTIONS = (
-    "equal-earth", "robinson", "lat-lon", "orthographic", "north-polar", "south-polar",
-)  # fmt: skip
+PROJECTIONS = ("equal-earth", "robinson", "lat-lon", "orthographic", "north-polar", "south-polar")
 """Names of the projections."""
 POLAR = PROJECTIONS[-2:]
 """Names of the stereographic projections."""

@@ -99,19 +99,17 @@ def grid_of(axes: GeoAxes, rows: int) -> MapGrid:
     columns = min(max(2, round(rows / aspect(axes))), 1500)  # about the pixels of a picture
     (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
     x, y = np.meshgrid(np.linspace(west, east, columns), np.linspace(south, north, rows))
-    projection = axes.projection
-    degrees = projection.as_geodetic().transform_points(projection, x, y)
+    degrees = axes.projection.as_geodetic().transform_points(axes.projection, x, y)
     lon, lat = np.radians(degrees[..., 0]), np.radians(degrees[..., 1])
-    inside = contains_xy(Polygon(projection.boundary), x, y) & np.isfinite(lon + lat)
+    inside = contains_xy(Polygon(axes.projection.boundary), x, y) & np.isfinite(lon + lat)
     nearest = tuple(distance_transform_edt(~inside, return_distances=False, return_indices=True))
     return MapGrid(lon[nearest], lat[nearest], x, y)
 
 
 def place(axes: GeoAxes, lon: Array, lat: Array) -> Array:
     """Return map coordinates (..., 2) of points [rad], NaN where the map cannot show them."""
-    projection = axes.projection
     degrees = wrapped(np.degrees(lon)), np.degrees(lat)
-    points = projection.transform_points(projection.as_geodetic(), *degrees)[..., :2]
+    points = axes.projection.transform_points(axes.projection.as_geodetic(), *degrees)[..., :2]
     return np.where(np.isfinite(points).all(axis=-1, keepdims=True), points, np.nan)
 
 

@@ -57,14 +57,12 @@ def plot_file(
     check_free(out, overwrite)
     curves = panels(source) if look.panel and isinstance(source, RunFile) else []
     figure, rows = new_figure(), 1 + bool(curves)
-    ratios = [2.3, 1.0][:rows]
-    globe, *rest = figure.subfigures(rows, 1, squeeze=False, height_ratios=ratios).flat
+    globe, *rest = figure.subfigures(rows, 1, squeeze=False, height_ratios=[2.3, 1.0][:rows]).flat
     axes, time = new_map(globe, look), source.nearest(time)
     figure.set_size_inches(*size(axes, bool(curves)))
     Drawing(source, field, look, grid_of(axes, ROWS), against).draw(axes, time)
     for part in rest:
-        below = part.subplots(1, len(curves), squeeze=False).flat
-        for pair in zip(below, curves, strict=True):
+        for pair in zip(part.subplots(1, len(curves), squeeze=False).flat, curves, strict=True):
             draw_panel(*pair, time)
     png = out.suffix.lower() == ".png"
     smaller: dict[str, Any] = {"pil_kwargs": {"optimize": True}} if png else {}

@@ -36,11 +36,9 @@ class Registry(UserDict[str, type[T]]):
     """
 
     def __init__(
-        self,
-        kind: str,
-        order: Callable[[type[T]], Any] = lambda cls: 0,
+        self, kind: str, order: Callable[[type[T]], Any] = lambda cls: 0,
         aliases: Mapping[str, str] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         super().__init__()
         self.kind, self.aliases, self._order = kind, aliases or {}, order
         self._files: dict[Path, tuple[bytes, type[T]]] = {}
@@ -67,8 +65,7 @@ class Registry(UserDict[str, type[T]]):
         elif is_user_file(which):
             found = self._loaded(Path(which))
         else:
-            name = self.aliases.get(str(which), str(which))
-            if name not in self:
+            if (name := self.aliases.get(str(which), str(which))) not in self:
                 raise unknown_name(self.kind, str(which), (*self, *self.aliases))
             found = self[name]
         if isabstract(found):

@@ -46,8 +46,7 @@ class Setting(NamedTuple):
     """The value, or text that can be read as such; None for the default."""
 
     def __str__(self) -> str:
-        value = _DEFAULT if self.value is None else self.value
-        return f"{self.owner}.{self.parameter}={value}"
+        return f"{self.owner}.{self.parameter}={_DEFAULT if self.value is None else self.value}"
 
 
 def read_settings(given: object) -> tuple[Setting, ...]:
@@ -161,8 +160,7 @@ def complaint(error: ValidationError) -> str:
     plain = {"too_short": "must not be empty", "path_type": "must be the path of a file"}
     if first["type"] in plain:
         return plain[first["type"]]
-    message: str = first["msg"]
-    return message.removeprefix("Value error, ").replace("Input should", "must")
+    return str(first["msg"]).removeprefix("Value error, ").replace("Input should", "must")
 
 
 def place_and_complaint(error: ValidationError) -> str:

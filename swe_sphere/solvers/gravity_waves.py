@@ -46,8 +46,7 @@ def reference_depth(model: Model) -> Array:
             f"scene {model.scene.name} has no gravity waves to treat implicitly: "
             "choose an explicit stepper"
         )
-    flow = model.scene.base or model.scene.initial
-    _, _, depth = flow(model.mesh.lon, model.mesh.lat)
+    _, _, depth = (model.scene.base or model.scene.initial)(model.mesh.lon, model.mesh.lat)
     bottom = model.bottom if model.scene.effect("orography") else np.zeros_like(depth)
     surface: Array = depth + bottom
     mean = np.average(surface, weights=model.mesh.area)
@@ -64,8 +63,7 @@ def wave_operator(model: Model, rest: wp.array) -> Operator:
     """Return L for wind and depth about a state of rest: out = L d from (d, out)."""
     terms = Terms(pressure=True, tangent=True)
     parameters = {"gravity": model.scene.planet.gravity, "base": rest}
-    operator = TendencyOperator(model.device_mesh, terms, parameters)
-    return recorded(model.launch, operator)
+    return recorded(model.launch, TendencyOperator(model.device_mesh, terms, parameters))
 
 
 def explicit_spectrum(model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
@@ -75,8 +73,7 @@ def explicit_spectrum(model: Model, state: wp.array, t: float = 0.0) -> Spectrum
     eigenvalues, but with implicit gravity waves these modes do not grow (docs/results/steps.md).
     With custom effects all of F - L counts.
     """
-    inertial = INERTIAL * float(np.abs(model.coriolis).max())
-    wave = max(advection_rate(model, state, t), inertial)
+    wave = max(advection_rate(model, state, t), INERTIAL * float(np.abs(model.coriolis).max()))
     if any(effect.name not in EFFECTS for effect in model.scene.effects):
         linear, image = wave_operator(model, state_of_rest(model)), model.zeros(model.fluid_size)
         tendency = model.right_hand_side("conservative", fluid_only=True, counted=False)
@@ -217,9 +214,8 @@ class GravityWaves:
         for operator in (self.operator, self._rough):
             operator.configure(tau, self.depth)
         self._inner.setup(tau, self.depth)
-        launch = self.operator.mesh.launch
-        self._system = recorded(launch, self._product)
-        self._precondition = recorded(launch, self._inverse)
+        self._system = recorded(self.operator.mesh.launch, self._product)
+        self._precondition = recorded(self.operator.mesh.launch, self._inverse)
         self._counters["setups"] += 1
         self._counters["setup_seconds"] += time.perf_counter() - start
 
@@ -234,10 +230,7 @@ class GravityWaves:
         self.operator.collect(b, self._b)
         self.operator.spread(guess, h)
         self.operator.collect(h, self._h)
-        result = self._krylov.solve(
-            self._system, self._b, self._h, self._precondition, tolerance,
-            max_iterations=200,
-        )  # fmt: skip
+        result = self._krylov.solve(self._system, self._b, self._h, self._precondition, tolerance)
         self.space.match_mean(self._b, self._h, self._ones)
         self.operator.spread(self._h, h)
         self.operator.substitute(r, h, out)

@@ -164,12 +164,11 @@ class KrylovSolver(ABC):
         most: a solve with a larger residual has stagnated; why: cause of stagnation, for the
         message; largest: largest residual that may be round-off.
         """
-        epsilon = self.space.epsilon
-        if p.residual <= p.target and p.target >= UNTRUSTED * epsilon * p.terms:
+        if p.residual <= p.target and p.target >= UNTRUSTED * self.space.epsilon * p.terms:
             p.end(Status.CONVERGED, "converged")
             return
         residual = p.history[-1] = self._true_residual(p)
-        roundoffs = (MOST_ROUNDOFFS if residual > most else 1.0) * epsilon
+        roundoffs = (MOST_ROUNDOFFS if residual > most else 1.0) * self.space.epsilon
         if not math.isfinite(residual):
             p.end(Status.NAN, "the solution is not finite")
         elif residual <= p.target:
@@ -218,7 +217,7 @@ class ConjugateGradients(KrylovSolver):
         and s = A d.
         """
         space, r, s, w, curvature = self.space, self._residual, self._product, self._image, 0.0
-        precondition, noise = p.precondition, NOISE * p.terms
+        precondition, noise, stack = p.precondition, NOISE * p.terms, self._stack
         space.clear(self._direction)
         space.clear(s)
         while p.residual > goal and p.iterations < p.limit:
@@ -227,7 +226,6 @@ class ConjugateGradients(KrylovSolver):
             if precondition is not None:
                 precondition(r, z)
             p.operator(z, w)
-            stack = self._stack
             found = space.projections((stack, 3, z), (stack, 3, w), (stack, 2, r), (stack, 1, s))
             sz, rz, wz, sw, rw, ww, sr, rr, ss = map(float, found)
             if precondition is not None and rz <= 0.0 and p.residual < noise:
@@ -358,8 +356,7 @@ class HessenbergLeastSquares:
         self._epsilon = epsilon
         self._columns: list[list[float]] = []
         self._rotations: list[tuple[float, float]] = []
-        self._rhs = [beta]
-        self._residuals = [beta]
+        self._rhs, self._residuals = [beta], [beta]
         self._sizes: list[float] = []
 
     def append(self, column: Sequence[float], below: float) -> float:

@@ -92,8 +92,7 @@ class VectorSpace:
             self._spans = mesh.chunks.spans
         else:
             length = SPAN if isinstance(self, HostSpace) else -(-self.n // BLOCKS)
-            spans = equal_spans(self.n, length)
-            self._spans = wp.array(spans, dtype=wp.int32, device=self.device)
+            self._spans = wp.array(equal_spans(self.n, length), dtype=wp.int32, device=self.device)
         self._allocate()
 
     def zeros(self) -> wp.array:
@@ -148,8 +147,7 @@ class Masses:
     """Means over the sphere of the blocks (N,) of states, which corrections restore."""
 
     def __init__(self, mesh: DeviceMesh) -> None:
-        area = mesh.mesh.area
-        self._space = VectorSpace(area / area.sum(), mesh=mesh)
+        self._space = VectorSpace(mesh.mesh.area / mesh.mesh.area.sum(), mesh=mesh)
         self._ones = mesh.upload(np.ones(mesh.size))
 
     def restore(self, source: wp.array, x: wp.array, block: int, gain: float = 0.0) -> None:
@@ -179,8 +177,7 @@ class HostSpace(VectorSpace):
     def _sum_of_two(self) -> tuple[Any, Array]:
         """Recorded command for the sum of two vectors, and its two factors."""
         factors = wp.zeros(2, dtype=wp.float64, device="cpu")
-        inputs = [self._call, factors, self.n]
-        command = self._record(scaled_sum, -(-self.n // SPAN), inputs)
+        command = self._record(scaled_sum, -(-self.n // SPAN), [self._call, factors, self.n])
         return command, factors.numpy()
 
     def view(self, x: wp.array) -> NDArray[Any]:
@@ -203,8 +200,7 @@ class HostSpace(VectorSpace):
 
     def _address(self, x: wp.array) -> int:
         self.view(x)  # raises an error for unsuitable arrays
-        address: int = x.ptr
-        return address
+        return int(x.ptr)
 
     def copy(self, source: wp.array, target: wp.array) -> None:
         np.copyto(self.view(target), self.view(source))
@@ -250,8 +246,7 @@ class HostSpace(VectorSpace):
         if c.size >= self._coefficients.size:
             coefficients = wp.zeros(1 + max(2 * c.size, 16), dtype=wp.float64, device="cpu")
             self._coefficients, inputs = coefficients.numpy(), [self._call, coefficients, self.n]
-            threads = -(-self.n // SPAN)
-            self._add_up = self._record(combinations, threads, inputs)
+            self._add_up = self._record(combinations, -(-self.n // SPAN), inputs)
         self._coefficients[0], self._coefficients[1 : 1 + c.size] = scale, c
         self._arguments[:4] = *map(self._address, (x, stack, out)), c.size
         self._add_up.launch()

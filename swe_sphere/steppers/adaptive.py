@@ -90,8 +90,7 @@ class AdaptiveSteps(Trajectory):
         if solver.rate > 0.0:  # from the time scale of changes of the state
             scale = solver.space.norm(self.state) / solver.rate
             part = self.tolerance ** (1.0 / self._power)
-            first = float(max(CAUTION * part * scale, 1e-3 * self.dt))
-            self.next_dt = min(self.dt, first)
+            self.next_dt = min(self.dt, float(max(CAUTION * part * scale, 1e-3 * self.dt)))
         self.cuts.clear()
 
     def follow(self, earlier: Trajectory, t: float) -> None:
@@ -121,8 +120,7 @@ class AdaptiveSteps(Trajectory):
         change = dt * (solver.rate / size)
         needed = SOLVER * self.tolerance / change if change > 0.0 else math.inf
         solver.loosest = min(self._loosest, needed)
-        fault = scheme.attempt(t, dt)
-        if fault is not None:
+        if (fault := scheme.attempt(t, dt)) is not None:
             self._cut(t, dt, fault, MIN_RATIO, "try a finer mesh or more dissipation")
             return False
         error = scheme.error_estimate() / size

@@ -33,10 +33,8 @@ class PoissonTendency:
         rotation, orography = map(scene.effect, ("rotation", "orography"))
         point = Pointwise(rotation=rotation is not None, forcing=scene.forcing is not None)
         own = model.parameters | {"base": self._base}
-        operator = TendencyOperator(mesh, terms, own, point)
-        self._operator = recorded(model.launch, operator)
-        average = average_kernel(orography is not None)
-        (self._average,) = model.launch.compile(mesh.real, average)
+        self._operator = recorded(model.launch, TendencyOperator(mesh, terms, own, point))
+        (self._average,) = model.launch.compile(mesh.real, average_kernel(orography is not None))
         bottom = model.parameters.get("bottom", self._mean)
         self._constants = mesh.size, scene.planet.gravity, bottom
         self._masses = self._mean[model.fluid_size :] if model.tracers is not None else None
@@ -57,11 +55,9 @@ class PoissonTendency:
         model, nodes = self._model, self._model.device_mesh.size
         model.set_time(t)
         model.counters["rhs_evaluations"] += 1
-        states = first, last, self._mean, self._base
-        model.launch(self._average, nodes, *self._constants, *states)
+        model.launch(self._average, nodes, *self._constants, first, last, self._mean, self._base)
         self._operator(self._mean, out)
-        tracers = model.tracers
-        if tracers is not None:
+        if (tracers := model.tracers) is not None:
             first, last = first[tracers.first :], last[tracers.first :]
             model.launch.combine(last, last, -0.5, first, 0.5, out=self._masses)
             tracers.carry(self._base, self._mean, out)

@@ -152,8 +152,7 @@ class BDF2(ImplicitStepper):
             super().follow(earlier, t)
 
     def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
-        before = self.solver.last_dt
-        if before == 0.0:
+        if (before := self.solver.last_dt) == 0.0:
             starter = self._starter
             starter.start(self.state, t)
             self.solver.aim(starter.state, starter.error_constant, starter.order, dt)

@@ -223,8 +223,7 @@ class ExponentialMultistep(VariableStepper):
         model = self.model
         space, past = self.space, len(self.weights[0]) if self.weights else 0
         self.counters |= {"rejected_steps": 0, "krylov_steps": 0}
-        terms = max(3, 1 + len(self.weights))
-        self._krylov = KrylovExponential(space, terms)
+        self._krylov = KrylovExponential(space, max(3, 1 + len(self.weights)))
         self._jacobian = model.jacobian()
         self._slope, self._drift, self._work = model.zeros(), model.zeros(), model.zeros()
         self._has_drift = not model.scene.autonomous
@@ -253,9 +252,7 @@ class ExponentialMultistep(VariableStepper):
         self._jacobian.update(self.state, t)
         self._prepare_sources(t, dt)
         known = self._known == len(self._states) and self._spacing == dt
-        if known or not self.weights:
-            return self._multistep(dt, out)
-        return self._one_step(t, dt, out)
+        return self._multistep(dt, out) if known or not self.weights else self._one_step(t, dt, out)
 
     def accept(self, dt: float) -> None:
         for arrays, value in ((self._states, self.state), (self._slopes, self._slope)):
@@ -282,8 +279,7 @@ class ExponentialMultistep(VariableStepper):
     def _one_step(self, t: float, dt: float, out: wp.array) -> str | None:
         """Set x+ = x + dt phi_1 F + 32/9 dt phi_3 R at x + 3/4 dt phi_1(3/4 dt J) F."""
         space, moved, bent = self.space, self._krylov.moved[2], self._krylov.plain[2]
-        fault = self._propagate(STAGE * dt, dt, 1 + self._has_drift, out)
-        if fault is not None:
+        if (fault := self._propagate(STAGE * dt, dt, 1 + self._has_drift, out)) is not None:
             return fault
         weight = 2.0 / (STAGE * dt) ** 2
         self.model.tendency(out, t + STAGE * dt, bent)
@@ -295,8 +291,7 @@ class ExponentialMultistep(VariableStepper):
 
     def _propagate(self, length: float, dt: float, terms: int, out: wp.array) -> str | None:
         """Set out = state + the solution of the linear equations at `length`; return any fault."""
-        solver = self.solver
-        goal = max(solver.tolerance * solver.rate * dt, solver.worthless())
+        goal = max(self.solver.tolerance * self.solver.rate * dt, self.solver.worthless())
         result = self._krylov.solve(self._jacobian, terms, length, goal, out)
         self.counters["krylov_iterations"] += result.iterations
         self.counters["krylov_steps"] += result.steps

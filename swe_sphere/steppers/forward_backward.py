@@ -56,12 +56,8 @@ class Passes:
         self._combine = specialise(combine_levels_kernel(point.tangent), self._real)
         self._steps: dict[Any, Any] = {}
         damped, parameters = model.dissipative, {"base": None, **model.parameters}
-        direct = (
-            mesh.lanes > 1
-            and not point.tangent
-            and terms.dynamics
-            and terms.gradient == self._moves
-        )
+        moving = terms.dynamics and terms.gradient == self._moves
+        direct = mesh.lanes > 1 and not point.tangent and moving
         self._direct, lanes = direct, mesh.lanes if direct else 1
         depth, wind, kind = run_kernels(terms.unknowns, point, damped)
         begin = mesh.inner if direct else 0
@@ -139,9 +135,8 @@ class Passes:
         mesh, step = self._mesh, self._step_of(tau, levels, out, turns, turns)
         if self._force is not None:
             done = step if self._direct else out
-            local = self._local_wind
-            inputs = self._force_geometry, self.pushed, local.values, done
-            mesh.sweep(local, self._force, mesh.threads(), *inputs)
+            inputs = self._force_geometry, self.pushed, self._local_wind.values, done
+            mesh.sweep(self._local_wind, self._force, mesh.threads(), *inputs)
         self._sum_wind(self._node_geometry, mesh.places(2), mesh.lanes, self._local_wind.flat, step)
 
     def _step_of(self, tau: float, levels: Levels, out: wp.array, weights: Any, mixes: Any) -> Any:
@@ -277,8 +272,7 @@ class ForwardBackward(SplitExplicit):
             self.state, self.previous = self.previous, self.state
 
     def _extrapolate(self) -> None:
-        levels = self.state, self.previous, self.older
-        self._passes.prepare(levels, self._masses, self._winds)
+        self._passes.prepare((self.state, self.previous, self.older), self._masses, self._winds)
 
     @classmethod
     def propagator(cls, share: float, wave: Complex, wind: Complex, loss: Complex) -> Complex:
@@ -325,8 +319,7 @@ class ForwardBackwardRK3(SplitExplicit):
         self._prepare()
 
     def _prepare(self) -> None:
-        levels = self.state, self.state, self.state
-        self._passes.prepare(levels, self._last, self._last)
+        self._passes.prepare((self.state, self.state, self.state), self._last, self._last)
 
     def advance(self) -> None:
         now, new, passes = self.state, self._stage, self._passes

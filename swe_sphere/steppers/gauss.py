@@ -74,8 +74,7 @@ class CoupledStages(StageProblem):
         """Create the problem; `single` is the space of one stage."""
         self._model, self._single = model, single
         # mean over the stages, so that a tolerance has its meaning for one state
-        weights = np.tile(energy_weights(model), 2) / 2.0
-        self.space = VectorSpace(weights, mesh=model.device_mesh)
+        self.space = VectorSpace(np.tile(energy_weights(model), 2) / 2.0, mesh=model.device_mesh)
         parts = [made for _ in C if (made := make_preconditioner(preconditioner, model))]
         self.precondition = ForwardElimination(model, single, parts) if parts else None
         self._slopes = single.stack(len(C))

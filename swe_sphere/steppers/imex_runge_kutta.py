@@ -13,16 +13,9 @@ from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError
 from swe_sphere.solvers.gravity_waves import explicit_spectrum, reference_depth
 from swe_sphere.solvers.vector_space import VectorSpace
+from swe_sphere.steppers import stability
 from swe_sphere.steppers.flow_limit import strongest_advection
-from swe_sphere.steppers.stability import (
-    Complex,
-    Rows,
-    check_order,
-    checked_tableau,
-    error_constant,
-    runge_kutta_growth,
-    tableau,
-)  # fmt: skip
+from swe_sphere.steppers.stability import Complex, Rows, tableau
 from swe_sphere.steppers.stage_solver import WaveSolver
 from swe_sphere.steppers.stepper import Stepper, read_methods
 
@@ -52,8 +45,7 @@ class ImexStepper(Stepper):
         self.solver = solver or WaveSolver(model, self.solver_tolerance(tolerance), self.name)
         super().__init__(model, dt)
         self.space = self.solver.space
-        n = model.device_mesh.size
-        self._depth = slice(2 * n, 3 * n)
+        self._depth = slice(2 * model.device_mesh.size, 3 * model.device_mesh.size)
         self.allocate()
 
     @classmethod
@@ -106,16 +98,16 @@ class ImexRungeKutta(ImexStepper):
 
     @classmethod
     def complete(cls) -> None:
-        explicit = checked_tableau(cls, "explicit", first=1, diagonal=False)
-        implicit = checked_tableau(cls, "implicit", first=1)
+        explicit = stability.checked_tableau(cls, "explicit", first=1, diagonal=False)
+        implicit = stability.checked_tableau(cls, "implicit", first=1)
         diagonal = [row[-1] for row in cls.implicit]
         if len({*diagonal}) != 1 or not diagonal[0] > 0.0:
             raise ConfigError(
                 f"stepper {cls.name}: the last numbers in the rows of `implicit`, its diagonal,"
                 f" must be equal and positive, got {diagonal}"
             )
-        check_order(cls, explicit, implicit)
-        cls.error_constant = error_constant(implicit, np.array(cls.b), cls.order)
+        stability.check_order(cls, explicit, implicit)
+        cls.error_constant = stability.error_constant(implicit, np.array(cls.b), cls.order)
 
     def allocate(self) -> None:
         model, mesh, dt, stages = self.model, self.model.device_mesh, self.dt, len(self.b)
@@ -170,7 +162,7 @@ class ImexRungeKutta(ImexStepper):
     def split_growth(cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex) -> Array:
         a_e, a_i = (tableau(rows, len(cls.b)) for rows in (cls.explicit, cls.implicit))
         b = np.array(cls.b)
-        return runge_kutta_growth(b, (a_e, z_wave + z_dissipation), (a_i, z_implicit))
+        return stability.runge_kutta_growth(b, (a_e, z_wave + z_dissipation), (a_i, z_implicit))
 
 
 ARK2, ARS343 = read_methods(ImexRungeKutta, "ARK2", "ARS343")

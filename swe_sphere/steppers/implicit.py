@@ -197,8 +197,7 @@ class VariableStepper(Stepper):
         done, parts, start = 0, 1, self.state
         while done < parts:
             dt = self.dt / parts
-            fault = self.attempt(self.time + done * dt, dt)
-            if fault is None:
+            if (fault := self.attempt(self.time + done * dt, dt)) is None:
                 self.accept(dt)
                 done += 1
                 continue

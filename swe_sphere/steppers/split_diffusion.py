@@ -74,8 +74,7 @@ class Diffusion:
         """Coefficients of the stages of a step, each of which evaluates D once."""
         self._first, self._rate, self._stage = (model.zeros() for _ in range(3))
         self._changes = model.zeros(), model.zeros()
-        whole = [Span(0, model.size)]
-        self._combine = model.device_mesh.over_nodes(diffusive_stage, spans=whole)
+        self._combine = model.device_mesh.over_nodes(diffusive_stage, spans=[Span(0, model.size)])
         self._replay = Replay(model.launch)
 
     def act(self, state: wp.array) -> None:
@@ -126,10 +125,9 @@ class SplitPenalty:
     def __init__(self, model: Model, dt: float, chains: int | None) -> None:
         self._model, self._second_order = model, chains is None
         self._chains = chains or 1
-        if chains is None:  # products of the step and the penalty's largest rate
-            longest_cycle, longest_part = MIDPOINT, MIDPOINT
-        else:
-            longest_cycle, longest_part = 0.7 if chains == 1 else 0.5, 1.0
+        # products of the step and the penalty's largest rate, by the number of chains
+        limits = {None: (MIDPOINT, MIDPOINT), 1: (0.7, 1.0)}
+        longest_cycle, longest_part = limits.get(chains, (0.5, 1.0))
         radius, rotation = model.penalty_radius, abs(model.scene.planet.rotation)
         longest = min(
             a / b if b else math.inf for a, b in ((longest_cycle, radius), (0.75, rotation))

@@ -373,8 +373,7 @@ def _constant(value: Any) -> Any:
         return {key: each if key == "doc" else _constant(each) for key, each in value.items()}
     if isinstance(value, list):
         return tuple(map(_constant, value))
-    is_fraction = isinstance(value, str) and "/" in value
-    return float(Fraction(value)) if is_fraction else value
+    return float(Fraction(value)) if isinstance(value, str) and "/" in value else value
 
 
 METHODS = _constant(read_toml(Path(__file__).with_name("methods.toml")))

@@ -160,8 +160,7 @@ class CarriedTracers(TracerSteps):
         self.scheme, tracers, n, first = scheme, model.tracers, self._size, model.fluid_size
         assert tracers is not None
         self._depth, self._crossed = slice(first - n, first), slice(first, first + 2 * n)
-        layout = model.size, first, tracers.count, first - n
-        self._steps = MassSteps(model.device_mesh, *layout)
+        self._steps = MassSteps(model.device_mesh, model.size, first, tracers.count, first - n)
         self._nothing, self._flux = model.zeros(2 * n), model.zeros(2 * n)
         self._has_residual = model.diffusive or scheme.family == "imex"
         if self._has_residual:
@@ -183,8 +182,7 @@ class CarriedTracers(TracerSteps):
         for _ in range(self.together):
             check_stop()
             scheme.step()
-        crossed = scheme.state[self._crossed]
-        combine(self._nothing, crossed, 1.0 / self._length, out=self._flux)
+        combine(self._nothing, scheme.state[self._crossed], 1.0 / self._length, out=self._flux)
         self._carry(self._steps, self._flux, self.state[self._depth], self._length)
 
     def _finish(self) -> None:

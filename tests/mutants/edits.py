@@ -33,8 +33,8 @@ MESH = (
         "quadrature weights + 1 %",
         "swe_sphere/mesh/gll.py",
         ("start-williamson2",),
-        "weights: Array = 2.0 /",
-        "weights: Array = 2.02 /",
+        "return np.asarray(2.0 /",
+        "return np.asarray(2.02 /",
     ),
     Edit(
         "GLL points 1 % off",

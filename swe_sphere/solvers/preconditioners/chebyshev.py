@@ -40,5 +40,4 @@ def schur_bound(operator: SchurOperator) -> float:
 
 def spectral_bound(product: Product, size: int) -> float:
     """Return a bound, with 5 % reserve, on the spectrum of an operator (size, size)."""
-    start = np.random.default_rng(0).standard_normal(size)
-    return 1.05 * largest_modulus(product, start, 0.02)
+    return 1.05 * largest_modulus(product, np.random.default_rng(0).standard_normal(size), 0.02)

@@ -107,8 +107,7 @@ def interpolation(mesh: Mesh, space: ElementSpace) -> scipy.sparse.csr_matrix:
 
     Both elements at a boundary node give it the same value.
     """
-    rows = mesh.nodes.reshape(mesh.elements, -1)
-    total = space.matrix(rows, space.values).tocsr()
+    total = space.matrix(mesh.nodes.reshape(mesh.elements, -1), space.values).tocsr()
     total.data *= np.repeat(1.0 / np.diff(mesh.gather_offsets), np.diff(total.indptr))
     return total
 
@@ -146,17 +145,15 @@ class CoarsePart:
             needed = np.flatnonzero(self._is_mine[self._numbers].any(axis=1))
             others = set(self._owner[needed].tolist()) - {mesh.comm.rank}
             self._away = {r: needed[self._owner[needed] == r] for r in sorted(others)}
-        values = np.concatenate([space.values for space in spaces[:3]], axis=1)
         count, groups = self._numbers.shape[1], mesh.groups
         made = transfer_kernels(mesh.types(whole=False), count)
         self._restrict, self._prolong, (few, many) = made
         (self._assemble,) = launch.compile(mesh.real, assembled)
         launch.load(self._restrict, self._prolong)
         self._dims = (groups, count // few), (groups, mesh.points // many)
-        self._values = mesh.upload(values.T)
+        self._values = mesh.upload(np.concatenate([space.values for space in spaces[:3]], axis=1).T)
         self._mass = mesh.on_elements(mesh.mesh.quadrature * mesh.mesh.jacobian[self._here])
-        of_elements = self.here(self._numbers[self._here])
-        self._of_elements = mesh.on_elements(of_elements, scalar=wp.int32)
+        self._of_elements = mesh.on_elements(self.here(self._numbers[self._here]), scalar=wp.int32)
         size = count * (groups * mesh.lanes + sum(map(len, self._away.values())))
         self._integrals, places = vector(mesh, size + 1), self._places()
         self._local = self._integrals.values[: groups * count].reshape((groups, count))
@@ -171,12 +168,11 @@ class CoarsePart:
 
     def restrict(self, b: Field, out: Field) -> None:
         """Set out to the integrals of b [m] times each function [m3]."""
-        launch = self._launch
         inputs = self._values, self._mass, b.values, self._local
-        launch(self._restrict, self._dims[0], 0, *inputs, cuts=self._mesh.cuts)
+        self._launch(self._restrict, self._dims[0], 0, *inputs, cuts=self._mesh.cuts)
         self._mesh.exchange(self._integrals)
         size = self._contributors[0].size
-        launch(self._assemble, size, *self._contributors, self._integrals.flat, out.flat)
+        self._launch(self._assemble, size, *self._contributors, self._integrals.flat, out.flat)
 
     def prolong(self, coefficients: Field, x: Field) -> None:
         """Add the functions times their coefficients to x."""
@@ -202,13 +198,11 @@ class CoarsePart:
 
     def owned(self, functions: Integers) -> Integers:
         """Return the members of `functions` (V',) whose first element belongs to this rank."""
-        mine: Integers = functions[self._owner_of(functions) == self._mesh.comm.rank]
-        return mine
+        return np.asarray(functions[self._owner_of(functions) == self._mesh.comm.rank])
 
     def _owner_of(self, functions: Integers) -> Integers:
         _, first = np.unique(self._numbers, return_index=True)
-        owner: Integers = self._owner[first[functions] // self._numbers.shape[1]]
-        return owner
+        return np.asarray(self._owner[first[functions] // self._numbers.shape[1]])
 
     def ring(self) -> tuple[dict[int, Integers], dict[int, Integers]]:
         """Return indices of functions in the rings of other ranks, and of its own ring, by rank."""
@@ -226,8 +220,7 @@ class CoarsePart:
         places = np.full(self._numbers.shape, -1)
         places[self._here] = (group[:, None] * k + np.arange(k)) * lanes + lane[:, None]
         away = np.concatenate([*self._away.values(), np.zeros(0, dtype=int)])
-        behind = self._mesh.groups * k * lanes
-        places[away] = behind + np.arange(away.size * k).reshape(-1, k)
+        places[away] = self._mesh.groups * k * lanes + np.arange(away.size * k).reshape(-1, k)
         return places
 
     def _contributing(self, places: Integers, size: int) -> NDArray[np.int32]:
@@ -289,9 +282,8 @@ class CoarseCorrection:
         self._longest = longest_waves(mesh, bases[0])
         count, (smooth, few) = sum(basis.shape[1] for basis in bases), self._longest.shape
         self._part = CoarsePart(operator, spaces, slopes)
-        size = self._part.functions.size
         self._b, self._r, self._d, self._new, self._found = (
-            vector(operator.mesh, size) for _ in range(5)
+            vector(operator.mesh, self._part.functions.size) for _ in range(5)
         )
         self._few = vector(operator.mesh, few), vector(operator.mesh, few)
         here = self._part.rows(_filled(self._longest, (count, few)))
@@ -324,10 +316,9 @@ class CoarseCorrection:
         few = (longest.T @ smooth @ longest).toarray()
         independent = longest.shape[0] >= longest.shape[1]  # otherwise the mesh has eight vertices
         exact = np.linalg.inv(few) if independent else np.linalg.pinv(few, 1e-10, hermitian=True)
-        mesh = self._operator.mesh
-        self._exact = TallMatrix(mesh, scipy.sparse.csr_array(exact))
+        self._exact = TallMatrix(self._operator.mesh, scipy.sparse.csr_array(exact))
         self._smooth, self._matrix = (
-            SlicedMatrix(mesh, self._part.square(each))
+            SlicedMatrix(self._operator.mesh, self._part.square(each))
             for each in (_filled(smooth, matrix.shape), matrix)
         )
         inverse = inverse[self._part.functions]
@@ -372,8 +363,7 @@ def longest_waves(mesh: Mesh, smooth: scipy.sparse.csr_array) -> scipy.sparse.cs
 
     smooth: (N, V) nodal values of the smooth functions, each 1 at its own vertex.
     """
-    per_edge = np.sqrt((smooth.shape[1] - 2) / 6.0)
-    ne = max(1, round(per_edge / SPACING))
+    ne = max(1, round(np.sqrt((smooth.shape[1] - 2) / 6.0) / SPACING))
     coarse = Mesh.build(ne, 3, mesh.radius, mesh.stretch, mesh.centre, mesh.spin)
     entries, at = smooth.tocoo(), np.empty(smooth.shape[1], dtype=np.int64)
     own = np.isclose(entries.data, 1.0)

@@ -56,9 +56,8 @@ class JacobianDirect(KeptSetup):
         matrix = (scipy.sparse.eye_array(flow.size) - tau * jacobian).tocsr()[self._order]
         matrix = matrix[:, self._order].tocsc().astype(np.float32)
         self._factors = scipy.sparse.linalg.splu(
-            matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )  # fmt: skip
+            matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
 
     def _product(self, direction: Array) -> Array:
         self._place(direction, self._direction)
@@ -77,5 +76,4 @@ class JacobianDirect(KeptSetup):
 
     def _place(self, fluid: Array, state: wp.array) -> None:
         """Store wind and depth at the front of a state."""
-        mesh = self._model.device_mesh
-        mesh.write(mesh.restrict(fluid), state)
+        self._model.device_mesh.write(self._model.device_mesh.restrict(fluid), state)

@@ -107,8 +107,7 @@ class KeptSetup(Preconditioner):
     first: ClassVar[int] = 0
 
     def __init__(self, model: Model) -> None:
-        memory = self.memory_of_factors(model.mesh.size, model.mesh.np)
-        if memory > LARGEST_MEMORY:
+        if (memory := self.memory_of_factors(model.mesh.size, model.mesh.np)) > LARGEST_MEMORY:
             raise ConfigError(
                 f"the factors of {self.name} would take about {memory / 1e9:.0f} GB; choose the"
                 f" preconditioner helmholtz instead of {self.name}"
@@ -117,10 +116,9 @@ class KeptSetup(Preconditioner):
         self._tau, self._flow = 0.0, np.zeros(0)
 
     def setup(self, state: wp.array, tau: float) -> None:
-        mesh = self._model.device_mesh
-        flow = state[self.first * mesh.size : self._model.fluid_size]
+        flow = state[self.first * self._model.device_mesh.size : self._model.fluid_size]
         if abs(tau - self._tau) > STEP_CHANGE * tau or not self._is_near(flow):
-            self._make(tau, mesh.collect(flow).astype(np.float64))
+            self._make(tau, self._model.device_mesh.collect(flow).astype(np.float64))
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         return {"setup_tau": np.array(self._tau), "setup_flow": self._flow.copy()}

@@ -19,7 +19,7 @@ from fractions import Fraction
 from functools import cached_property, reduce
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -53,9 +53,6 @@ from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS, Stepper, get_stepper
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
-
-if TYPE_CHECKING:
-    from swe_sphere.studies.sweep.record import Errors
 
 RATIO = math.sqrt(2.0)
 """Ratio of successive steps of an explicit stepper, whose useful range is short."""
@@ -269,13 +266,11 @@ class Study:
         self.slow = wanted or plan.target_kind == "slow"
         """True if errors of the slow flow are computed."""
 
-    def searched(self, errors: Iterable[Errors]) -> Errors | None:
-        """Return the error that a search of the plan is about, among the errors of a run."""
+    def searched(self, errors: Iterable[Any]) -> Any:
+        """Return the error that a search of the plan is about, among the `Errors` of a run."""
         plan = self.plan
         field = "vorticity" if plan.target_kind == "slow" else plan.target_field
-        found: dict[str, Errors] = {
-            of.kind: of for of in errors if (of.field, of.day) == (field, self.days)
-        }
+        found = {of.kind: of for of in errors if (of.field, of.day) == (field, self.days)}
         auto = "total" if "total" in found else "time"
         return found.get(auto if plan.target_kind == "auto" else plan.target_kind)
 
