@@ -32,7 +32,7 @@ def element_sweep(
     which need no DSS, in `done`.
     """
     (d1, d2), store = line_sums(t.np, f.rows), _store(f, finish)
-    scalar, turns, everywhere, last = f.is_scalar, f.turns, not f.to_edges, t.np - 1
+    scalar, turns, to_edges = f.is_scalar, f.turns, f.to_edges
     kind, kept, wind, slopes, result = f.rows, f.winds, f.wind, f.slopes, f.result
     at_1, at_2, at_winds = scratch(t, kind, kind, kept)
 
@@ -43,6 +43,16 @@ def element_sweep(
             for i in range(np_):
                 for j in range(np_):
                     winds[i, j] = wind(geo, a, x, e, i * np_ + j)
+
+    @func
+    def finish_node(
+        geo: geometry, x: vector, winds: wp.array2d(dtype=kept), f1: wp.array2d(dtype=kind),
+        f2: wp.array2d(dtype=kind), k: int, e: int, i: int, j: int, out: local, done: done,
+    ):  # fmt: skip
+        s1 = d1(geo.derivative, f1, i, j)
+        s2 = d2(geo.derivative, f2, i, j)
+        r = result(geo, winds[i, j], s1, s2, e, i * np_ + j)
+        store(geo, x, r, k, e, i, j, out, done)
 
     @func
     def sweep(
@@ -69,11 +79,10 @@ def element_sweep(
         for i in range(np_):
             for j in range(np_):
                 # a `continue` would guard all later nodes: 8 % of a step in the cache
-                if everywhere or i == 0 or i == last or j == 0 or j == last:
-                    s1 = d1(geo.derivative, f1, i, j)
-                    s2 = d2(geo.derivative, f2, i, j)
-                    r = result(geo, winds[i, j], s1, s2, e, i * np_ + j)
-                    store(geo, x, r, k, e, i, j, out, done)
+                if wp.static(not to_edges):  # noqa: SIM114
+                    finish_node(geo, x, winds, f1, f2, k, e, i, j, out, done)
+                elif i == 0 or i == np_ - 1 or j == 0 or j == np_ - 1:
+                    finish_node(geo, x, winds, f1, f2, k, e, i, j, out, done)
 
     return load_winds, sweep
 

@@ -118,8 +118,7 @@ def compare(
     """Print l1, l2 and linf of A against B."""
     from swe_sphere.io.reference_solution import compare as compare_files
 
-    seconds = None if time is None else time * DAY
-    result = compare_files(a, b, field, seconds, across_scenes)
+    result = compare_files(a, b, field, None if time is None else time * DAY, across_scenes)
     if as_json:
         typer.echo(json.dumps(finite(result)))
         return

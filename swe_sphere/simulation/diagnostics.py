@@ -133,8 +133,7 @@ class Snapshot:
 
 def state_integrals(model: Model, fields: Fields) -> Numbers:
     """Return global integrals and extremes of u, v, h, vorticity and divergence, each (N,)."""
-    names = ("u", "v", "h", "vorticity", "divergence")
-    values = {name: fields[name] for name in names}
+    values = {name: fields[name] for name in ("u", "v", "h", "vorticity", "divergence")}
     return integrals(model.mesh, model.scene.planet, b=model.bottom, f=model.coriolis, **values)
 
 

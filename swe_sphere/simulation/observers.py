@@ -221,8 +221,7 @@ class Recorder(Observer):
                 from swe_sphere.analysis.regrid import on_grid, parse_grid
 
                 grid = parse_grid(output.grid)
-                at = Interpolator(sim.mesh, *grid.points)
-                transform = partial(on_grid, at=at, grid=grid)
+                transform = partial(on_grid, at=Interpolator(sim.mesh, *grid.points), grid=grid)
         if output is not None and sim.steps and not path.exists():
             sim.warn(f"output: {path} does not exist: it begins at day {sim.time / DAY:.4g}")
         attributes = {"run_id": sim.run_id or uuid.uuid4().hex} | sim.attributes(only)

@@ -67,8 +67,7 @@ class Summary(Mapping[str, Any]):
     def as_dict(self) -> dict[str, Any]:
         """Return all values of the JSON line; None for what is missing or not finite."""
         ended = {"completed": self.completed, "reason": self.reason, "status": self.status}
-        ordered = {**dict.fromkeys(NAMES["keys"]), **self.numbers, **ended}
-        return dict(finite(ordered))
+        return dict(finite({**dict.fromkeys(NAMES["keys"]), **self.numbers, **ended}))
 
     def as_json(self) -> str:
         """Return the JSON line."""
