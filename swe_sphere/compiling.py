@@ -22,14 +22,14 @@ def is_watched() -> bool:
 
 
 @functools.cache
-def _tell_session() -> None:
+def _report_once() -> None:
     if is_watched():
         sys.stderr.write(f"swe-sphere: {COMPILING}\n")
 
 
 _taken = 0.0
-"""Seconds that blocks of `compiling` have taken."""
-_report: Callable[[], None] = _tell_session
+"""Seconds that blocks of `mark_compiling` have taken."""
+_report: Callable[[], None] = _report_once
 """Function called after `PATIENCE` seconds; only its first call has an effect."""
 
 
@@ -45,7 +45,7 @@ def on_compile(call: Callable[[], None]) -> Iterator[None]:
 
 
 @contextmanager
-def compiling() -> Iterator[None]:
+def mark_compiling() -> Iterator[None]:
     """Mark a block in which something is compiled."""
     global _taken
     timer, start = threading.Timer(max(0.0, PATIENCE - _taken), _report), time.perf_counter()

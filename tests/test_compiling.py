@@ -42,7 +42,7 @@ def test_all_compiling_of_a_stepper_is_counted_by_its_model(monkeypatch, name):
 
 
 def wait(seconds):
-    with compiling.compiling():
+    with compiling.mark_compiling():
         time.sleep(seconds)
 
 
@@ -81,7 +81,7 @@ import time
 from swe_sphere import compiling
 compiling.PATIENCE = 0.05
 for _ in range(2):
-    with compiling.compiling():
+    with compiling.mark_compiling():
         time.sleep(0.5)
 """
 
@@ -171,8 +171,8 @@ def test_what_was_compiled_for_another_processor_is_compiled_anew_and_told_of(tm
     """Warp keeps the objects of all processors in one folder."""
     script = (
         "import sys, warp as wp; from pathlib import Path; from swe_sphere import Simulation;"
-        "from swe_sphere.operators import launch; blocks, real = [], launch.compiling;"
-        "launch.compiling = lambda: blocks.append(1) or real();"
+        "from swe_sphere.operators import launch; blocks, real = [], launch.mark_compiling;"
+        "launch.mark_compiling = lambda: blocks.append(1) or real();"
         "Simulation('williamson2', ne=1, np=3, dt=600).step(); print(len(blocks))"
     )
     environment = os.environ | {"WARP_CACHE_PATH": str(tmp_path)}

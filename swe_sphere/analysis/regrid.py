@@ -21,7 +21,7 @@ from swe_sphere.errors import ConfigError, shown, unknown_name
 from swe_sphere.files.durable import building, check_free, clear_errors
 from swe_sphere.io.growing import check_zarr
 from swe_sphere.io.layout import SERIES, TOPOLOGY, VARIABLES, history
-from swe_sphere.io.runfile import RunFile, checked, engine
+from swe_sphere.io.runfile import RunFile, engine, read_values
 from swe_sphere.mesh import Interpolator
 from swe_sphere.settings.values import convert
 
@@ -232,7 +232,7 @@ def _frames(path: Path, data: xr.Dataset, at: Interpolator, grid: Grid) -> Itera
     for k in range(data.sizes.get("time", 1)):
         frame = (changing if k else data).isel(time=[k], missing_dims="ignore").load()
         for name in frame.data_vars:
-            checked(path, str(name), frame[name].variable)
+            read_values(path, str(name), frame[name].variable)
         found = on_grid(frame, at, grid)
         yield found if k else found.merge(series)
 

@@ -97,11 +97,11 @@ def _run(config: RunConfig) -> Summary:
     except KeyboardInterrupt:
         raise Interrupted("interrupted by Ctrl-C") from None
     if world().rank == 0:
-        _tell_end(summary, config)
+        _report_end(summary, config)
     return summary
 
 
-def _tell_end(summary: Summary, config: RunConfig) -> None:
+def _report_end(summary: Summary, config: RunConfig) -> None:
     """Print on stderr why a run stopped early, and the command that resumes it."""
     if summary.reason is not None:
         named = not (config.out and config.out.exists()) or str(config.out) in summary.reason

@@ -20,7 +20,7 @@ from swe_sphere.files.durable import clear_errors
 from swe_sphere.io import layout
 from swe_sphere.io.checkpoint import Checkpoint, checkpoint_path, write_checkpoint
 from swe_sphere.io.growing import SUFFIX, GrowingFile, GrowingStore
-from swe_sphere.io.runfile import RunFile, checked, reading
+from swe_sphere.io.runfile import RunFile, read_values, reading
 from swe_sphere.io.scalar_fields import FIELDS, POWER, derive
 from swe_sphere.mesh import Mesh
 
@@ -208,7 +208,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
             if ours != theirs:
                 raise ConfigError(f"cannot resume in {self.path}: its frames hold other fields")
             for k in range(np.count_nonzero(times < self._from)):
-                values = {n: checked(self.path, n, data[n].isel(time=k).variable) for n in names}
+                values = {n: read_values(self.path, n, data[n][k].variable) for n in names}
                 self._growing.add_record(values, wait=False)
 
     def _sample(self, time: float, diagnostics: Mapping[str, float | None]) -> dict[str, float]:

@@ -15,7 +15,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.files.fingerprints import SCENE_FILE
 from swe_sphere.io.integrals import Norms, norms
 from swe_sphere.io.layout import TRACER, in_python
-from swe_sphere.io.runfile import TOLERANCE, RunFile, Source, checked, reading, table_in
+from swe_sphere.io.runfile import TOLERANCE, RunFile, Source, read_values, reading, table_in
 from swe_sphere.io.scalar_fields import Sampler, check_field, derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.mesh.sphere import global_spline
@@ -131,7 +131,7 @@ def _fields(path: Path, data: "xr.Dataset", index: int) -> dict[str, Array]:
     """Return fields (M K,) by this package's names, at the time `index` if there are times."""
     there = {RENAMED.get(str(name), str(name)): one for name, one in data.variables.items()}
     return {
-        name: checked(path, name, one[index if one.ndim == 3 else ...]).astype(float).ravel()
+        name: read_values(path, name, one[index if one.ndim == 3 else ...]).astype(float).ravel()
         for name, one in there.items()
         if one.dims in ON_GRID and np.issubdtype(one.dtype, np.number)
     }

@@ -143,7 +143,7 @@ def check_length(path: Path) -> None:
             raise ValueError("it ends within its data") from None
 
 
-def checked(path: Path, name: str, variable: "xr.Variable") -> Array:
+def read_values(path: Path, name: str, variable: "xr.Variable") -> Array:
     """Return the values of a variable; raises ConfigError if a known field lacks a value."""
     values: Array = variable.values
     needed = name in FINITE or name.startswith(TRACER)
@@ -280,7 +280,7 @@ class RunFile(Nodal):
             if not (self.times.ndim == 1 and np.all(np.diff(self.times, prepend=-1.0) > 0.0)):
                 raise ValueError("its times do not increase")
             self._constants = {  # time is one of their dimensions after xr.concat
-                x: checked(self.path, x, data[x].variable.isel(time=0, missing_dims="ignore"))
+                x: read_values(self.path, x, data[x].variable.isel(time=0, missing_dims="ignore"))
                 for x in ("b", "f", "area") if x in data
             }  # fmt: skip
             self.bottom = self._constants["b"]
@@ -296,7 +296,7 @@ class RunFile(Nodal):
     def frame(self, time: float | None = None) -> dict[str, Array]:
         index = self.index(time)
         with reading(self.path) as data:
-            found = {x: checked(self.path, x, data[x][index].variable) for x in self.about}
+            found = {x: read_values(self.path, x, data[x][index].variable) for x in self.about}
             return {"b": self.bottom} | found
 
     def state(self, time: float | None = None) -> dict[str, Array]:
@@ -305,5 +305,5 @@ class RunFile(Nodal):
     def series(self) -> tuple[Array, dict[str, Array]]:
         """Return the times (D,) [s] of the diagnostics, and each series (D,), NaN where missing."""
         with reading(self.path) as data:
-            found = {x: checked(self.path, x, data[x].variable) for x in self.about_series}
+            found = {x: read_values(self.path, x, data[x].variable) for x in self.about_series}
         return found.pop(SERIES, np.zeros(0)), found

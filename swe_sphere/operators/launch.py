@@ -15,7 +15,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.compiling import compiling
+from swe_sphere.compiling import mark_compiling
 from swe_sphere.errors import ConfigError, NotCopyable
 from swe_sphere.kernels.define import specialise
 from swe_sphere.kernels.simd.shared_lines import block_threads
@@ -94,7 +94,7 @@ class Launcher(NotCopyable):
         modules = {kernel.module.name: kernel.module for kernel in kernels}.values()
         with self.comm.root_first():  # the root compiles for all ranks
             if new := [module for module in modules if not self._cached(module).exists()]:
-                with compiling(), ThreadPoolExecutor(os.cpu_count()) as pool:
+                with mark_compiling(), ThreadPoolExecutor(os.cpu_count()) as pool:
                     self._load(new[0])  # alone, because it compiles Warp's headers
                     list(pool.map(self._load, new[1:]))
             for module in modules:

@@ -79,13 +79,13 @@ Positive = Annotated[Number, Field(gt=0.0)]
 Whole = Annotated[int, _not_of(bool, str), Field(ge=-MOST_ELEMENTS, le=MOST_ELEMENTS)]
 Days = Annotated[Number, Field(ge=0.0, le=LONGEST_DAYS)]
 Hours = Annotated[Positive, Field(le=24.0 * LONGEST_DAYS)]
-Spoken = Annotated[float, _not_of(bool), Field(gt=0.0)]
+NumberOrText = Annotated[float, _not_of(bool), Field(gt=0.0)]
 """A positive number, also as text."""
-SpokenWhole = Annotated[int, _not_of(bool)]
-TimeStep = Annotated[float | Literal["auto"], or_auto(Spoken, "a positive number of seconds")]
+WholeOrText = Annotated[int, _not_of(bool)]
+TimeStep = Annotated[float | Literal["auto"], or_auto(NumberOrText, "a positive number of seconds")]
 Settings = Annotated[tuple[Setting, ...], BeforeValidator(read_settings)]
 Count = Annotated[
-    int | Literal["auto"], or_auto(Annotated[SpokenWhole, Field(gt=0)], "a whole number from 1 on")
+    int | Literal["auto"], or_auto(Annotated[WholeOrText, Field(gt=0)], "a whole number from 1 on")
 ]
 
 

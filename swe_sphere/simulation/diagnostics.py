@@ -177,7 +177,7 @@ def reference_errors(reference: Reference, snapshot: Snapshot) -> Numbers:
     return by_name({name: errors for name, errors in found.items() if name != "vorticity"})
 
 
-def called(what: str, function: Callable[..., T], *arguments: Any) -> T:
+def call_in_run(what: str, function: Callable[..., T], *arguments: Any) -> T:
     """Return the result of a user-defined function; RunFailed states what failed, and where."""
     try:
         return guarded(what, function, *arguments)
@@ -208,7 +208,7 @@ class Diagnostic:
         Raises RunFailed if it is none of them, or its kind, size or coordinate has changed.
         """
         what, size = f"the diagnostic {self.name}", sim.mesh.size
-        value = called(what, lambda: self._as_numbers(self.function(sim)))
+        value = call_in_run(what, lambda: self._as_numbers(self.function(sim)))
         is_profile = hasattr(value, "dims")
         if not is_profile and value.shape not in ((), (size,)):
             raise RunFailed(
@@ -221,8 +221,8 @@ class Diagnostic:
                 f"{what} has changed its kind, size or coordinate since its first value: return the"
                 " same kind"
             )
-        if self not in sim.lost and not np.isfinite(value).all():
-            sim.lost.add(self)
+        if self not in sim.not_finite and not np.isfinite(value).all():
+            sim.not_finite.add(self)
             sim.warn(f"{what} is NaN or infinite at day {sim.time / DAY:.4g}")
         return value
 

@@ -24,7 +24,7 @@ from swe_sphere.logs import LOGGER
 from swe_sphere.mesh import Interpolator
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.simulation.config import Output
-from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Snapshot, called
+from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Snapshot, call_in_run
 from swe_sphere.simulation.planning import RunPlan
 from swe_sphere.simulation.restart import appends
 
@@ -59,7 +59,7 @@ def observed(observer: Observer, method: str, *arguments: Any) -> Any:
     call = getattr(observer, method)
     if not is_custom(type(observer)):
         return call(*arguments)
-    return called(label(observer), call, *arguments)
+    return call_in_run(label(observer), call, *arguments)
 
 
 def label(observer: Observer) -> str:
@@ -413,7 +413,7 @@ class Callback(Observer):
         return self._plan.is_sample(step, self.times) if self.times else step % self.steps == 0
 
     def observe(self, snapshot: Snapshot) -> None:
-        called(label(self), self.function, snapshot.sim)
+        call_in_run(label(self), self.function, snapshot.sim)
 
 
 PICTURES_A_RUN = 100

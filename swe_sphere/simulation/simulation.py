@@ -217,7 +217,7 @@ class Simulation(NotCopyable):
         """Called with each warning of a run."""
         self.own_axes: dict[Diagnostic, tuple[int, list[tuple[Any, ...]]]] = {}
         """Axes of the first value of each user-defined diagnostic, and the profile's coordinate."""
-        self.lost: set[Diagnostic] = set()
+        self.not_finite: set[Diagnostic] = set()
         """User-defined diagnostics that were not finite, of which there is one warning each."""
         self._signal: int | None = None  # number of the signal that came during the last run
         self.reset()

@@ -22,7 +22,7 @@ from swe_sphere.settings.values import (
 )
 from swe_sphere.simulation import config
 from swe_sphere.simulation.build import check_mesh, make_scene
-from swe_sphere.simulation.config import RunConfig, SharedConfig, Spoken, make_config, or_auto
+from swe_sphere.simulation.config import NumberOrText, RunConfig, SharedConfig, make_config, or_auto
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS, get_stepper
@@ -66,10 +66,10 @@ def _of_folder(name: str) -> str:
 
 T = TypeVar("T")
 Listed = Annotated[tuple[T, ...], BeforeValidator(_listed)]
-Count = Annotated[config.SpokenWhole, Field(ge=0, le=MOST_ELEMENTS)]
+Count = Annotated[config.WholeOrText, Field(ge=0, le=MOST_ELEMENTS)]
 Steps = Annotated[
     Literal["auto"] | tuple[float, ...],
-    or_auto(Annotated[Listed[Spoken], Field(min_length=1)], "positive numbers of seconds"),
+    or_auto(Annotated[Listed[NumberOrText], Field(min_length=1)], "positive numbers of seconds"),
 ]
 
 
@@ -100,7 +100,7 @@ class SweepPlan(SharedConfig):
     """Solver tolerance of implicit steppers."""
     days: Annotated[config.Days, Field(gt=0.0)] | None = None
     """Length of the runs [days]."""
-    report_days: Listed[Spoken] = ()
+    report_days: Listed[NumberOrText] = ()
     """Times at which errors are measured [days], in addition to the end."""
     repeats: Annotated[config.Whole, Field(ge=1, le=100)] = 3
     """Minimum number of timed runs of a setting; more while the two shortest differ by over 3 %."""
@@ -112,7 +112,7 @@ class SweepPlan(SharedConfig):
     """Wall time that the steps of a search for an error may take together [s]."""
     find_limit: bool = False
     """Also search for the longest stable step of every stepper, to 2 %."""
-    target_error: Listed[Spoken] = ()
+    target_error: Listed[NumberOrText] = ()
     """Search for the longest step with each of these errors instead of running a grid."""
     target_kind: Literal["auto", "time", "total", "slow"] = "auto"
     """Kind of error; auto: total where it is known, otherwise time."""
