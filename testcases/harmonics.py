@@ -135,8 +135,7 @@ class GaussGrid:
         """Longitudes and latitudes [rad], each (latitudes, longitudes)."""
         sine, _ = np.polynomial.legendre.leggauss(self.degree + 1)
         count = 2 * self.degree + 2
-        lon = 2.0 * np.pi * np.arange(count) / count
-        return np.meshgrid(lon, np.arcsin(sine))
+        return np.meshgrid(2.0 * np.pi * np.arange(count) / count, np.arcsin(sine))
 
     def coefficients(self, field: Array) -> Complex:
         """Return the coefficients (degree + 1, degree + 1) of a field on the grid."""

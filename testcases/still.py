@@ -56,8 +56,7 @@ def splash() -> Scene:
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
         within = np.minimum(3.0 * distance(lon, lat, *CENTRE), 1.0)
-        depth = 2000.0 + 500.0 * (1.0 + np.cos(np.pi * within))
-        return 0.0 * lat, 0.0 * lat, depth
+        return 0.0 * lat, 0.0 * lat, 2000.0 + 500.0 * (1.0 + np.cos(np.pi * within))
 
     return build_scene("splash", effects=DYNAMICS, initial=initial, planet=STILL)
 

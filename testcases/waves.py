@@ -212,8 +212,7 @@ def slow_ocean(m: int = 4, n: int = 10, speed: float = 0.1, linear: bool = False
         raise ConfigError(f"slow-ocean: speed must be above 0 and at most 10 m/s, got {speed:g}")
     wave = TidalEquations(m, 4000.0, EARTH).free(n)
     u, v, _ = wave.state(*GaussGrid(64).points, 0.0)
-    factor = speed / float(np.hypot(u, v).max())
-    wave = replace(wave, coefficients=factor * wave.coefficients)
+    wave = replace(wave, coefficients=speed / float(np.hypot(u, v).max()) * wave.coefficients)
 
     return build_scene(
         "slow-ocean",

@@ -106,8 +106,7 @@ def _analysed(file: Path, degree: int, balanced: bool) -> State:
         raise ConfigError(f"williamson7: degree must be from 0 to 1000, got {degree}")
     lat, lon, *fields = _read_analysis(file)
     # area mean by the trapezoidal rule in the sine of the latitude
-    edges = 0.5 * (np.sin(lat[1:]) + np.sin(lat[:-1]))
-    weights = np.diff(edges, prepend=-1.0, append=1.0)
+    weights = np.diff(0.5 * (np.sin(lat[1:]) + np.sin(lat[:-1])), prepend=-1.0, append=1.0)
     mean = float(weights @ fields[2].mean(axis=1) / 2.0)
     if fields[2].min() - mean + DEPTH <= 0.0:
         raise ConfigError(f"{file}: z varies by more than 10 km: check its units, m or m2 s-2")

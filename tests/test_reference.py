@@ -271,6 +271,8 @@ def test_the_depth_of_a_reference_is_compared_with_that_of_the_run(tmp_path):
     assert compare(run, depth, "h")["l2"] < 1e-6
     with pytest.raises(ConfigError, match=r"depth.nc holds the depth alone: compare field 'h'"):
         compare(run, depth, "surface")
+    with pytest.raises(ConfigError, match=r"depth.nc holds the depth alone: compare field 'h'"):
+        compare(depth, grid, "surface")
     with pytest.raises(ConfigError, match=r"wind.nc holds neither h nor surface"):
         Simulation("williamson5", **values, reference=tmp_path / "wind.nc")
     with pytest.raises(ConfigError, match="is a file that the run reads"):

@@ -170,3 +170,29 @@ def test_sweeps_of_one_folder_have_one_length_and_target():
     with pytest.raises(ConfigError, match="williamson2 differ in days or target: give each a name"):
         two.plans({})
     assert len(two.plans({"days": 1.0})) == 2
+
+
+def steps_of(dataset, role):
+    return dataset.isel(run=dataset.role.values == role).dt.values.tolist()
+
+
+def test_a_search_refines_its_reference_in_a_new_folder_only(tmp_path):
+    """Otherwise errors of one folder would be relative to different runs."""
+    search = SEARCH | {"target_error": 1e-7}
+    fresh = sweep("williamson6", "rk4", out=tmp_path / "fresh", **search)
+    assert len(steps_of(fresh, "converged")) > 2
+    again = sweep("williamson6", "rk4", out=tmp_path / "fresh", **TINY | {"dt": [1080]})
+    assert steps_of(again, "converged") == steps_of(fresh, "converged")
+    first = sweep("williamson6", "rk4", out=tmp_path / "grid", **TINY | {"dt": [1080]})
+    grid = again.isel(run=again.role.values == "grid")
+    error = grid.error.sel(kind="time", field="h", norm="l2").isel(report_day=-1)
+    assert error.max() > 1e-6  # the run is not its own reference
+    later = sweep("williamson6", "rk4", out=tmp_path / "grid", **search)
+    assert steps_of(later, "converged") == steps_of(first, "converged")
+
+
+def test_a_run_of_minutes_is_no_fault_of_report_days():
+    found = sweep("williamson2", "rk4", **TINY | {"days": 0.003, "dt": [60]})
+    assert (found.status.values == "completed").all()
+    late = TINY | {"report_days": [0.25, 0.2500000001]}
+    assert sweep("williamson2", "rk4", **late).report_day.values.tolist() == [0.25]

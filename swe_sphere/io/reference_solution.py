@@ -273,7 +273,8 @@ def _common_field(ours: Source, theirs: Source, field: str | None) -> str:
     if field is None:
         return "surface" if any("h" not in r.fields for r in references) else "h"
     field = check_field(field, [*ours.about, *theirs.about], vector=True)
-    bottom = next((s.bottom for s in (ours, theirs) if isinstance(s, RunFile)), None)
+    bottoms = (s.bottom if isinstance(s, RunFile) else s.frame().get("b") for s in (ours, theirs))
+    bottom = next((b for b in bottoms if b is not None), None)
     without_depth = [r for r in references if "h" not in r.fields]
     without_bottom = [r for r in references if not r.fields.keys() & {"surface", "b"}]
     if field == "surface" and without_bottom and bottom is not None and np.any(bottom):

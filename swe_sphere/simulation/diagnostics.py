@@ -140,8 +140,7 @@ def state_integrals(model: Model, fields: Fields) -> Numbers:
 def exact_fields(model: Model, time: float) -> Fields:
     """Return u, v, h (N,) of the exact solution of the scene, which has one, at a time [s]."""
     assert model.scene.exact is not None
-    exact = model.scene.exact(model.mesh.lon, model.mesh.lat, time)
-    return dict(zip("uvh", exact, strict=True))
+    return dict(zip("uvh", model.scene.exact(model.mesh.lon, model.mesh.lat, time), strict=True))
 
 
 def flow_errors(model: Model, ours: Fields, theirs: Fields) -> Norms:

@@ -142,8 +142,7 @@ class Loop:
             wp.synchronize_device(model.device)
             return is_asked
         finally:
-            elapsed = time.monotonic() - start
-            sim.wall_seconds += elapsed - (model.compile_seconds - compiled)
+            sim.wall_seconds += time.monotonic() - start - (model.compile_seconds - compiled)
             sim.cpu_seconds += self._cpu_seconds() - worked
 
     def _step(self, most: int) -> None:

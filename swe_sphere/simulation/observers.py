@@ -109,8 +109,7 @@ class HealthCheck(Observer):
         self._rms = self._space.norm(self._unit) * self._largest
         if scene.equilibrium is not None:
             level = scene.equilibrium(model.mesh.lon, model.mesh.lat)
-            pulled = model.state_from(0.0 * level, 0.0 * level, level)
-            self._largest += self._space.norm(pulled)
+            self._largest += self._space.norm(model.state_from(0.0 * level, 0.0 * level, level))
         self._growth = sim.config.energy_growth or (math.inf if custom else RUNAWAY)
         self._time = 0.0
 

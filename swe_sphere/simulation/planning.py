@@ -223,8 +223,7 @@ def led_plan(plan: RunPlan, done: int, now: float, also: Sequence[float] = ()) -
     interval = plan.frame_steps * plan.dt
     first, origin, lead = done, now, 0.0
     if abs(round(now / long) * long - now) > 1e-6 * plan.dt or now > end - plan.tail * plan.last:
-        times = interval, *also
-        origin = min(end, *(math.ceil(now / each + 1e-9) * each for each in times))
+        origin = min(end, *(math.ceil(now / each + 1e-9) * each for each in (interval, *also)))
         ahead = Fraction(origin - now)
         first += plan.cycle * _parts(ahead, Fraction(plan.cycle * plan.wanted))
         lead = float(ahead / (first - done))

@@ -359,5 +359,4 @@ def make_scene(config: RunConfig) -> Scene:
         return build.make_scene(config)
     if name not in SCENES:
         raise unknown_name("scene of cases", name, SCENES)
-    own = made(config.scene, SCENES[name], config.settings_of(SCENE))
-    return build.make_scene(config, own)
+    return build.make_scene(config, made(config.scene, SCENES[name], config.settings_of(SCENE)))

@@ -169,7 +169,8 @@ class Sweep:
         plan = self._plan
         with self._runner.interruption:
             for space in self._study.spaces():
-                if self._study.interval < FINEST * space.limits["gravity_limit"]:
+                several, gravity = len(self._study.report_days) > 1, space.limits["gravity_limit"]
+                if several and self._study.interval < FINEST * min(gravity, self._study.days * DAY):
                     raise ConfigError(
                         f"report-days: steps of {self._study.interval:.4g} s would be needed to"
                         " meet all of these days: take multiples of a longer time"

@@ -224,6 +224,11 @@ class Runner:
         had, has = record.time_limit, self.time_limit
         return record if has is not None and had is not None and has <= had else None
 
+    @property
+    def has_compared(self) -> bool:
+        """True if the folder holds runs with errors relative to a reference."""
+        return any(run.role in COMPARED for run in self._known.values())
+
     def repeats(self, spec: RunSpec) -> list[RunRecord]:
         """Return the records of a run."""
         return [run for (key, _), run in self._known.items() if key == spec.key]
@@ -315,8 +320,9 @@ class Evaluator:
         """Return the fields at report days of a time-converged run on the same mesh in float64.
 
         A second run with twice the step yields the time errors of both runs by Richardson
-        extrapolation; the records of both runs contain these errors and total errors. Steps are
-        halved until the errors of a search are resolved.
+        extrapolation; the records of both runs contain these errors and total errors. In a new
+        folder steps are halved until the errors of a search are resolved; later all errors are
+        relative to the same run.
         """
         key = (space.mesh.ne, space.mesh.np)
         if key not in self._converged:
@@ -329,16 +335,18 @@ class Evaluator:
                         frame_steps=n * twice.frame_steps)
                 for n in (2**halvings for halvings in range(HALVINGS + 2))
             ]  # fmt: skip
+            best: RunSpec | None = None
             for pair in pairwise(plans):
                 coarse, fine = (
                     RunSpec(integrator, steps.dt, steps, "converged", integrator.refusal)
                     for steps in pair
                 )
                 if self._kept(fine) is None:
+                    if best is not None and (self._runner.has_compared or self._resolves(best)):
+                        break
                     self._compare(coarse, fine)
-                if self._resolves(fine):
-                    break
-            self._converged[key] = self._kept(fine) or {}
+                best = fine
+            self._converged[key] = (best and self._kept(best)) or {}
         return self._converged[key]
 
     def _resolves(self, spec: RunSpec) -> bool:

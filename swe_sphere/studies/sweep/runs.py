@@ -9,7 +9,6 @@ stores a `RunRecord` (record.py) of each; `Evaluator` computes their errors.
 from __future__ import annotations
 
 import inspect
-import marshal
 import math
 import sys
 import uuid
@@ -255,8 +254,8 @@ class Study:
         self.scene = scene = make_scene(plan.run_config(), own)
         self.ne, self.np = plan.ne or (scene.ne,), plan.np or (scene.np,)
         self.days = scene.days if plan.days is None else plan.days
-        meant = {float(planning.meant_hours(24.0 * day) / 24) for day in plan.report_days}
-        self.report_days = tuple(sorted({*meant, self.days}))
+        meant = (float(planning.meant_hours(24.0 * day) / 24) for day in plan.report_days)
+        self.report_days = tuple(sorted({*(min(day, self.days) for day in meant), self.days}))
         """Times of errors [days]; the last is the end."""
         times = [Fraction(day * DAY).limit_denominator(1000) for day in self.report_days]
         self._every = reduce(planning.common_measure, times)
@@ -515,9 +514,10 @@ def users_methods(steppers: Iterable[str], preconditioners: Iterable[str]) -> di
 
 
 def _code(function: Any) -> str:
-    """Return the fingerprint of the code of a function, or of the file of another callable."""
+    """Return the fingerprint of the file and of the code of a callable."""
     code = getattr(function, "__code__", None)
-    return users_fingerprint(function) if code is None else fingerprint(str(marshal.dumps(code)))
+    parts = () if code is None else (code, *code.co_consts)
+    return fingerprint([users_fingerprint(function), [getattr(x, "co_code", x) for x in parts]])
 
 
 def users_fingerprint(item: object) -> str:

@@ -151,7 +151,7 @@ def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> Sweep
     for ne, points in product(plan.ne or (made.ne,), plan.np or (made.np,)):
         check_mesh(plan.run_config(ne=ne, np=points), made)
     days = made.days if plan.days is None else plan.days
-    late = [day for day in plan.report_days if day > days * (1.0 + 1e-12)]
+    late = [day for day in plan.report_days if day > days + 1e-6]
     if late:
         raise ConfigError(f"report-days: day {late[0]:g} is after the end, day {days:g}")
     for path in plan.reference:
