@@ -256,7 +256,7 @@ def test_files_are_compared_with_weights_of_areas(tmp_path):
 
 
 def test_the_depth_of_a_reference_is_compared_with_that_of_the_run(tmp_path):
-    """Over orography, where the surface is the error field of the scene."""
+    """The bottom is not flat, and the surface is the error field of the scene."""
     run, grid = tmp_path / "run.nc", tmp_path / "grid.nc"
     depth, reference = tmp_path / "depth.nc", tmp_path / "surface.nc"
     values = {"ne": 2, "np": 4, "dt": 900.0, "days": 0.0625}

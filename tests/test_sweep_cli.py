@@ -279,7 +279,7 @@ def test_a_search_of_which_nothing_can_run_says_why(swe):
 
 
 def test_the_status_is_that_of_the_runs_of_the_request(swe):
-    """Not that of runs which an earlier request left in the folder."""
+    """Runs that an earlier request left in the folder do not count."""
     assert swe("lauter", "--steppers", "rk4", "--dt", 3600, *TINY)[0] == 0
     assert swe("lauter", "--steppers", "leapfrog", "--dt", 10800, *TINY)[0] == 1
     assert swe("lauter", "--steppers", "rk4", "--dt", 3600, *TINY)[0] == 0

@@ -209,9 +209,10 @@ class Probing:
         for colour in range(self._ends.size - 1):
             part = slice(*self._ends[colour : colour + 2])
             rows = self._rows[part] + n * np.arange(fields, dtype=np.int32)[:, None]
+            mine = self.colours == colour
             for field in range(fields):
                 direction = np.zeros((fields, n))
-                direction[field, self.colours == colour] = 1.0
+                direction[field, mine] = 1.0
                 values = product(direction.ravel())[rows]
                 columns = np.broadcast_to(self._columns[part] + n * field, rows.shape)
                 there = values != 0.0

@@ -243,7 +243,7 @@ def _memory_of_factors(config: RunConfig, scene: Scene, ne: int, np: int) -> flo
     """Return the memory [bytes] of the factors of a preconditioner that is chosen by name, or 0."""
     from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 
-    named = str(config.settings_of(STEPPER).get("preconditioner"))
+    named = str(config.chosen_preconditioner)
     kind = None if scene.wind is not None else PRECONDITIONERS.get(named)
     return 0.0 if kind is None else kind.memory_of_factors(6 * (ne * (np - 1)) ** 2 + 2, np)
 

@@ -19,6 +19,7 @@ from swe_sphere.equations.scene import LONGEST_DAYS, MOST_ELEMENTS
 from swe_sphere.errors import ConfigError, shown, unknown_name
 from swe_sphere.settings.values import (
     FIELD_OWNERS,
+    STEPPER,
     Setting,
     by_owner,
     names_in,
@@ -240,6 +241,11 @@ class RunConfig(SharedConfig):
                     raise ConfigError(f"{name} is given twice: by {name} and by set {owner}.{name}")
                 values[name] = value
         return values
+
+    @property
+    def chosen_preconditioner(self) -> Any:
+        """Preconditioner by its field or by a setting of the stepper; None if neither is set."""
+        return self.settings_of(STEPPER).get("preconditioner")
 
     def given(self) -> dict[str, Any]:
         """Return the requested values, without the defaults."""

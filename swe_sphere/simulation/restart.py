@@ -172,7 +172,7 @@ class Restart:
         merged = make_config(overridden(kept, config.given()) | {"restart": self.path})
         for ours, theirs in (  # each may be a Python file
             (config.given().get("stepper"), merged.stepper),
-            (_preconditioner(config), _preconditioner(merged)),
+            (config.chosen_preconditioner, merged.chosen_preconditioner),
         ):
             if ours != theirs:
                 check_trusted(theirs, self.path, config.trust)
@@ -268,7 +268,7 @@ def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
     """Return all data that a run must share with another one to resume it."""
     from swe_sphere.steppers import get_stepper
 
-    methods = {"stepper": config.stepper, "preconditioner": _preconditioner(config)}
+    methods = {"stepper": config.stepper, "preconditioner": config.chosen_preconditioner}
     return {
         "scene": scene.name,
         "stepper": get_stepper(config.stepper).name,
@@ -284,10 +284,6 @@ def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
         "planet": asdict(scene.planet),
         "sources": run_sources(config.scene, scene, config.diagnostics, **methods),
     }
-
-
-def _preconditioner(config: RunConfig) -> Any:
-    return config.settings_of("stepper").get("preconditioner")
 
 
 def run_sources(

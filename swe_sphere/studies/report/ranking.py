@@ -87,8 +87,7 @@ def read_runs(dataset: Dataset) -> pd.DataFrame:
     Further columns: cost: time that runs are ranked by [s], NaN if none was measured; least, most:
     the shortest and the longest time that cannot be distinguished from it; compared: whether a run
     reached the end of the last request and stands for a setting of users; ended: how it ended, in
-    words; curve, line: label and style of its curve; requested_days: length of the runs of the last
-    request; multiples of limits, and counts per step.
+    words; curve, line: label and style of its curve; multiples of limits, and counts per step.
 
     Raises ConfigError if the dataset is not one of a sweep.
     """
@@ -103,7 +102,7 @@ def read_runs(dataset: Dataset) -> pd.DataFrame:
     runs = pd.DataFrame(columns, pd.RangeIndex(1, dataset.sizes["run"] + 1))
     days = json.loads(dataset.attrs.get("plan", "{}")).get("days")
     known = runs["days_planned"] if days is None else [days]
-    runs = runs.assign(**_derived(runs, known), curve="", line="", requested_days=days or np.inf)
+    runs = runs.assign(**_derived(runs, known), curve="", line="")
     for _, members in runs.groupby(["mesh", "stepper"]):
         _name_curves(runs, members)
     return runs
@@ -150,13 +149,9 @@ def _name_curves(runs: pd.DataFrame, members: pd.DataFrame) -> None:
 
 
 def metrics(runs: pd.DataFrame) -> list[Metric]:
-    """Return the l2 error at the last known day of each kind and field, in the order of reports.
-
-    Days after the end of the last request do not count.
-    """
-    compared, end = runs[runs["compared"]], runs["requested_days"].max() + 1e-9
+    """Return the l2 error at the last known day of each kind and field, in the order of reports."""
+    compared = runs[runs["compared"]]
     known = [of for of in runs if isinstance(of, Metric) and compared[of].notna().any()]
-    known = [of for of in known if of.day <= end] or known
     last = {(of.kind, of.field): of for of in sorted(known, key=lambda of: of.day)
             if of.norm == "l2"}  # fmt: skip
     return [last[key] for key in product(KINDS, FIELDS) if key in last]
