@@ -83,6 +83,14 @@ def test_a_parent_that_is_killed_leaves_nobody():
     assert left == []
 
 
+@pytest.mark.thorough
+def test_a_sweep_leaves_no_semaphores(tmp_path):
+    asked = ["lauter", "--steppers=rk4", "--ne=2", "--days=0.1", "--dt=3600,1800", "--jobs=2"]
+    program = [sys.executable, "-m", "swe_sphere", "sweep", *asked, "--out=swept"]
+    ended = subprocess.run(program, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert "semaphore" not in ended.stderr
+
+
 def _lives(pid):
     try:
         os.kill(pid, 0)

@@ -11,9 +11,11 @@ from functools import cache
 from multiprocessing import active_children, get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from threading import Thread
+from threading import RLock, Thread
 from types import ModuleType
 from typing import Any
+
+from tqdm import tqdm
 
 from swe_sphere.errors import ConfigError, RunFailed, SweError
 from swe_sphere.ranks.communicator import leave_ranks
@@ -105,6 +107,7 @@ _work: Callable[[], Callable[[Any], Any]]
 def _initialise(alive: Connection, begin: Callable[[], Callable[[Any], Any]]) -> None:
     """Prepare a process of the pool; `begin` waits for the first task, which reports its errors."""
     leave_ranks()
+    tqdm.set_lock(RLock())  # its default is a semaphore, which a killed process leaves behind
     Thread(target=_end_with_parent, args=(alive,), daemon=True).start()
     global _work
     _work = cache(begin)
