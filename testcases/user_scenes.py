@@ -34,7 +34,7 @@ from pydantic import BaseModel, Field, PositiveFloat, PositiveInt, ValidationErr
 
 from swe_sphere.equations.scene import Parameter, Scene, configured_effect
 from swe_sphere.errors import ConfigError, shown, unknown_name
-from swe_sphere.files.user_file import file_contents, guarded, is_user_file, load_file
+from swe_sphere.files.user_file import call_custom, file_contents, is_user_file, load_file
 from swe_sphere.settings.registry import first_line
 from swe_sphere.settings.values import complaint, convert, read_toml
 
@@ -113,7 +113,7 @@ def _load(path: Path, parameters: Mapping[str, Parameter], depth: int = 0) -> Sc
         factory = getattr(load_file(path, "scene"), "scene", None)
         if not callable(factory):
             raise ConfigError(f"{path} must define scene(**parameters) -> Scene")
-        return guarded(f"scene() of {path}", made, str(path), factory, parameters)
+        return call_custom(f"scene() of {path}", made, str(path), factory, parameters)
     if depth == DEPTH:
         raise ConfigError(f"{path}: its bases form a circle")
     file_contents(path, "scene")

@@ -6,7 +6,7 @@ import shlex
 import pytest
 
 from swe_sphere.cli.main import main
-from swe_sphere.settings.values import validated
+from swe_sphere.settings.values import validate
 from swe_sphere.studies import advise as advising
 from swe_sphere.studies.advise import REPRESENTATIVES, Question
 from swe_sphere.studies.sweep import SweepWatcher, sweep
@@ -46,7 +46,7 @@ def test_where_the_budget_is_short_shorter_runs_are_measured(monkeypatch) -> Non
     monkeypatch.setattr(advising, "_seconds_a_day", lambda *_: 1.0)
     asked = {"scene": "lauter", "ne": 2, "np": 4, "days": 2.0, "error": 0.1, "steppers": "rk4",
              "budget": 0.6 * advising.RUNS}  # fmt: skip
-    advice = advising.advise(validated(Question, asked))
+    advice = advising.advise(validate(Question, asked))
     assert (advice.days, advice.of_days) == (0.5, 2.0)
     assert advice.ranking.targets == [0.025]
     assert advice.config.days == 2.0 and advice.config.stepper == "rk4"

@@ -17,7 +17,7 @@ import pytest
 
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.logs import print_lines
-from swe_sphere.settings.values import overridden
+from swe_sphere.settings.values import override
 from swe_sphere.simulation.build import start_warp
 from swe_sphere.simulation.observers import LogLines
 from swe_sphere.simulation.planning import RunPlan
@@ -128,7 +128,7 @@ def test_a_flag_replaces_the_setting_of_the_file_that_it_sets_and_no_other(swe, 
     numbers = json.loads(swe("run", "--config", "run.toml", *flags)[1])
     assert numbers["effects"]["viscosity"] == {"nu": 1e5}
     assert numbers["effects"]["drag"] == {"linear": 2e-6, "quadratic": 1e-9}
-    merged = overridden({"alpha": 0.5, "ne": 2}, {"settings": "scene.alpha=0.2"})
+    merged = override({"alpha": 0.5, "ne": 2}, {"settings": "scene.alpha=0.2"})
     assert merged == {"ne": 2, "settings": (("scene", "alpha", "0.2"),)}
 
 

@@ -31,7 +31,7 @@ from swe_sphere.pictures.maps import grid_of, new_map, place
 from swe_sphere.pictures.panels import draw_panel, panels
 from swe_sphere.pictures.plot import draw_state, new_figure, plot_file, size
 from swe_sphere.planet import DAY, EARTH
-from swe_sphere.settings.values import validated
+from swe_sphere.settings.values import validate
 from swe_sphere.testcases import get_scene
 
 
@@ -366,7 +366,7 @@ def globe(run, **look):
 ])  # fmt: skip
 def test_looks_that_cannot_be(look, reason):
     with pytest.raises(ConfigError, match=reason) as error:
-        validated(Look, look)
+        validate(Look, look)
     assert "\n" not in str(error.value)
 
 

@@ -23,13 +23,13 @@ from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import integrals, norms
 from swe_sphere.io.layout import MESH_ATTRIBUTES, TOPOLOGY, VARIABLES, decode, in_python, plain
-from swe_sphere.io.runfile import TOLERANCE, Nodal, RunFile, engine, mesh_of
+from swe_sphere.io.runfile import TIME_TOLERANCE, Nodal, RunFile, engine, mesh_of
 from swe_sphere.io.scalar_fields import check_field, derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.operators.sparse import stiffness
 from swe_sphere.planet import DAY, Planet
-from swe_sphere.settings.values import convert, validated
+from swe_sphere.settings.values import convert, validate
 from swe_sphere.testcases.harmonics import GaussGrid, mean_squares
 
 if TYPE_CHECKING:
@@ -209,7 +209,7 @@ class Analysis:
         if not isinstance(other, xr.Dataset):
             raise ConfigError(f"error_norms needs a dataset from open_run, got {other!r}")
         ours, theirs = self.frames, Analysis(other).frames
-        pairs = np.argwhere(np.abs(ours.times[:, None] - theirs.times) <= TOLERANCE)
+        pairs = np.argwhere(np.abs(ours.times[:, None] - theirs.times) <= TIME_TOLERANCE)
         if not pairs.size:
             raise ConfigError("the two runs have no common time")
         at = ours.sampler(*theirs.points)
@@ -243,7 +243,7 @@ class Analysis:
         from swe_sphere.pictures.plot import draw_state
 
         when = None if time is None else convert("time", float, time) * DAY
-        return draw_state(self.frames, field, ax, validated(Look, look), when)
+        return draw_state(self.frames, field, ax, validate(Look, look), when)
 
     def animate(self, field: str | None = None, rate: float = 8.0, **look: Any) -> Film:
         """Return all frames as a film of matplotlib, which a notebook shows.
@@ -256,7 +256,7 @@ class Analysis:
         from swe_sphere.pictures.plot import Film, default_field
 
         field = check_field(field or default_field(self.frames), self.frames.about)
-        return Film.of(self.frames, field, validated(Look, look), rate)
+        return Film.of(self.frames, field, validate(Look, look), rate)
 
     @property
     def frames(self) -> Frames:

@@ -18,7 +18,7 @@ from swe_sphere.files.user_file import check_trusted
 from swe_sphere.pictures.look import Look
 from swe_sphere.planet import DAY
 from swe_sphere.settings.registry import first_line
-from swe_sphere.settings.values import names_in, validated
+from swe_sphere.settings.values import names_in, validate
 from swe_sphere.simulation.summary import finite
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def plot(
 
     seconds = None if time is None else time * DAY
     against = None if compare is None else _against(file, compare, trust or ())
-    chosen = validated(Look, given(look, Look))
+    chosen = validate(Look, given(look, Look))
     typer.echo(plot_file(file, field, seconds, out, chosen, against, overwrite))
 
 
@@ -81,7 +81,7 @@ def animate(
     """Make a film of all frames of a run."""
     from swe_sphere.pictures.plot import animate_file
 
-    chosen = validated(Look, given(look, Look))
+    chosen = validate(Look, given(look, Look))
     typer.echo(animate_file(file, field, out, chosen, rate, overwrite))
 
 

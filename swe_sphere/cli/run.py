@@ -27,7 +27,7 @@ from swe_sphere.logs import LOGGER, append_lines, print_lines
 from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.ranks.communicator import PRINT_RANK, RANK_PREFIX, world
 from swe_sphere.ranks.limits import available_memory
-from swe_sphere.settings.values import by_field, convert, overridden, read_toml
+from swe_sphere.settings.values import by_field, convert, override, read_toml
 from swe_sphere.simulation.build import make_scene
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.observers import LogLines, Observer, ProgressBar
@@ -59,7 +59,7 @@ def run(
     """Run a scene and report errors, conservation and cost."""
     comm, said = world(), given(values, RunConfig)
     try:
-        said = said if config is None else overridden(by_field(read_toml(config)), said)
+        said = said if config is None else override(by_field(read_toml(config)), said)
         in_file = said.pop("ranks", None)
         ranks = convert("ranks", int | None, in_file if ranks is None else ranks)
         asked = make_config(said)

@@ -15,7 +15,7 @@ from swe_sphere.cli.options import flag, given, option, with_flags
 from swe_sphere.cli.show import print_table
 from swe_sphere.compiling import COMPILING, on_compile
 from swe_sphere.errors import ConfigError, Interrupted, RunFailed
-from swe_sphere.settings.values import validated
+from swe_sphere.settings.values import validate
 from swe_sphere.simulation.config import RunConfig, SharedConfig
 from swe_sphere.studies.advise import Question
 from swe_sphere.studies.advise import advise as advice_on
@@ -80,7 +80,7 @@ def advise(**values: Any) -> None:
     """Measure which stepper and step are cheapest for an error, and print the command."""
     if values["error"] is None:
         raise ConfigError("error: give the largest error at the end (--error 1e-3)")
-    question = validated(Question, given(values, Question))
+    question = validate(Question, given(values, Question))
     with _watched(question.scene) as terminal:
         advice = advice_on(question, terminal)
     shorter = (

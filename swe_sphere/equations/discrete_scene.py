@@ -11,7 +11,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.equations.effects import EdgePenalty, Effect, PointwiseEffect
 from swe_sphere.equations.scene import Scene, fitted, is_finite
 from swe_sphere.errors import ConfigError, NotCopyable, shown
-from swe_sphere.files.user_file import guarded
+from swe_sphere.files.user_file import call_custom
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, find_device
 from swe_sphere.operators.device_mesh import REALS
@@ -142,7 +142,7 @@ def _parameters(scene: Scene, on: DeviceMesh, bottom: Array) -> dict[str, Any]:
 def _coefficients(scene: Scene, effect: Effect, on: DeviceMesh) -> dict[str, Any]:
     """Return the coefficients that the terms of an effect read, with fields on the device."""
     mesh, label = on.mesh, f"{scene.name}: coefficients of {effect.name}"
-    found = guarded(label, lambda: dict(effect.coefficients(mesh)))
+    found = call_custom(label, lambda: dict(effect.coefficients(mesh)))
     if isinstance(effect, PointwiseEffect) and effect.needs is not None:
         found[effect.needs] = getattr(scene, effect.needs)(mesh.lon, mesh.lat)
     for name, value in found.items():

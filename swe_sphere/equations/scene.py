@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from swe_sphere.arrays import Array
 from swe_sphere.equations.effects import EFFECTS, Effect, PointwiseEffect
 from swe_sphere.errors import ConfigError, shown, unknown_name
-from swe_sphere.files.user_file import guarded
+from swe_sphere.files.user_file import call_custom
 from swe_sphere.planet import EARTH, Planet
 from swe_sphere.settings.values import SCENE, STEPPER, by_owner, convert, read_settings
 
@@ -414,7 +414,7 @@ class _Function:
         object.__setattr__(self, "function", function)
 
     def __call__(self, lon: ArrayLike, lat: ArrayLike, *time: float) -> Any:
-        return guarded(self.label, self._evaluated, np.asarray(lon), np.asarray(lat), *time)
+        return call_custom(self.label, self._evaluated, np.asarray(lon), np.asarray(lat), *time)
 
     def _evaluated(self, lon: Array, lat: Array, *time: float) -> Any:
         with np.errstate(all="ignore"):  # the result is checked

@@ -15,7 +15,7 @@ from swe_sphere.ranks.limits import one_thread
 
 Product = Callable[[NDArray[np.floating]], Array]
 
-TOLERANCE = 1e-2
+RADIUS_TOLERANCE = 1e-2
 BASIS = 16
 """Number of vectors of a Krylov basis."""
 CYCLES = 20
@@ -44,7 +44,7 @@ def spectral_radius(model: DiscreteScene, state: wp.array, operator: Operator) -
     product = _scaled_product(model, state, operator)
     start = np.random.default_rng(0).standard_normal(len(model.fluid) * model.mesh.size)
     with np.errstate(over="ignore", invalid="ignore"):
-        found = largest_modulus(product, start, TOLERANCE)
+        found = largest_modulus(product, start, RADIUS_TOLERANCE)
     model.launch.forget()
     if not np.isfinite(found):
         raise ConfigError(

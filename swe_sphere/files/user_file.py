@@ -50,16 +50,16 @@ def load_file(path: Path, what: str) -> ModuleType:
     module.__file__ = place
     sys.modules[module.__name__] = module  # dataclasses and Warp search for it there
     _LOADED.add(place)
-    code = guarded(str(path), compile, contents, place, "exec")
-    guarded(str(path), exec, code, vars(module))
+    code = call_custom(str(path), compile, contents, place, "exec")
+    call_custom(str(path), exec, code, vars(module))
     return module
 
 
 def file_contents(path: Path, what: str) -> bytes:
     """Return the contents of a file; ConfigError if it does not exist or cannot be read."""
-    if not guarded(f"looking for {path}", path.is_file):
+    if not call_custom(f"looking for {path}", path.is_file):
         raise ConfigError(f"there is no {what} file {path}")
-    return guarded(str(path), path.read_bytes)
+    return call_custom(str(path), path.read_bytes)
 
 
 @contextmanager
@@ -92,7 +92,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def guarded(what: str, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+def call_custom(what: str, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
     """Return the result of a user-defined function; errors are converted as in `users_code`."""
     with users_code(what):
         return function(*args, **kwargs)

@@ -15,7 +15,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.files.fingerprints import SCENE_FILE
 from swe_sphere.io.integrals import Norms, norms
 from swe_sphere.io.layout import TRACER, in_python
-from swe_sphere.io.runfile import TOLERANCE, RunFile, Source, read_values, reading, table_in
+from swe_sphere.io.runfile import TIME_TOLERANCE, RunFile, Source, read_values, reading, table_in
 from swe_sphere.io.scalar_fields import Sampler, check_field, derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.mesh.sphere import global_spline
@@ -260,7 +260,7 @@ def _common_time(*sources: Source) -> float | None:
     timed = [s.times for s in sources if s.times.size or isinstance(s, RunFile)]
     if not timed:
         return None
-    common = timed[0][np.isclose(timed[0][:, None], timed[-1], 0.0, TOLERANCE).any(axis=1)]
+    common = timed[0][np.isclose(timed[0][:, None], timed[-1], 0.0, TIME_TOLERANCE).any(axis=1)]
     if not common.size:
         names = " and ".join(str(source.path) for source in sources)
         raise ConfigError(f"{names} have no common time: give --time")

@@ -24,7 +24,7 @@ from swe_sphere.io.scalar_fields import Sampler, derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.mesh.sphere import position
 from swe_sphere.planet import DAY
-from swe_sphere.settings.values import place_and_complaint, validated
+from swe_sphere.settings.values import place_and_complaint, validate
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -72,7 +72,7 @@ def mesh_of(attributes: Mapping[str, Any], data: "xr.Dataset", failure: str) -> 
     values = {name: attributes[name] for name in MESH_ATTRIBUTES}
     ne, order = values["ne"], values["np"]
     try:
-        validated(RunAttributes, values)
+        validate(RunAttributes, values)
         if (expected := 6 * (ne * (order - 1)) ** 2 + 2) != (nodes := data.sizes["node"]):
             raise ConfigError(
                 f"ne={ne} and np={order} make {expected} nodes, but the file has {nodes}: it holds"
@@ -91,7 +91,7 @@ def mesh_of(attributes: Mapping[str, Any], data: "xr.Dataset", failure: str) -> 
         raise ConfigError(f"{failure}: {error}") from None
 
 
-TOLERANCE = 1e-6 * DAY
+TIME_TOLERANCE = 1e-6 * DAY
 """Largest difference [s] between a frame's time and the requested one."""
 
 
@@ -205,7 +205,7 @@ class Source(ABC):
         if time is None:
             return self.times.size - 1
         found = int(np.argmin(np.abs(self.times - time)))
-        if not abs(self.times[found] - time) <= TOLERANCE:
+        if not abs(self.times[found] - time) <= TIME_TOLERANCE:
             days = ", ".join(f"{t / DAY:g}" for t in self.times[-8:])
             raise ConfigError(
                 f"{self.path} holds no frame at day {time / DAY:g}: the last ones are at day {days}"

@@ -72,7 +72,7 @@ LARGEST_CHUNK = 4 * BLOCK
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class MeshPart:
     """Elements and nodes of one rank, both numbered from zero on the rank.
 
     A node on the rim, where elements of several ranks meet, belongs to the parts of all these
@@ -132,7 +132,7 @@ RINGED = 6 * 20**2 * 4**2
 """Number of element nodes from which a mesh is computed in rings: the caches hold smaller ones."""
 
 
-def single_part(mesh: Mesh, shape: str) -> Part:
+def single_part(mesh: Mesh, shape: str) -> MeshPart:
     """Return the part of a single process: the whole mesh, with its elements in rings if large.
 
     shape: launch shape of the kernels; with one thread per node the order is that of the mesh.
@@ -140,7 +140,7 @@ def single_part(mesh: Mesh, shape: str) -> Part:
     if shape == "element" and mesh.nodes.size >= RINGED:
         everything = np.array([[[0, mesh.size]]])
         return replace(Partition(mesh, 1, rings(mesh.ne)).part(0), spans=everything)
-    return Part(
+    return MeshPart(
         np.arange(mesh.elements), mesh.elements, np.arange(mesh.size), mesh.nodes,
         np.diff(mesh.gather_offsets), mesh.gather_entries, {}, {}, np.zeros((3, 0, 2), int),
         is_mesh=True,
@@ -189,7 +189,7 @@ class Partition:
         self._late[mesh.elements // per_chunk :] = 1
         self._lateness = self._late[chunk]
 
-    def part(self, rank: int) -> Part:
+    def part(self, rank: int) -> MeshPart:
         elements = self._order[self._rank[self._order] == rank]
         elements = elements[np.argsort(self._lateness[elements], kind="stable")]
         nodes, inverse = np.unique(self._mesh.nodes[elements], return_inverse=True)
@@ -199,7 +199,7 @@ class Partition:
         nodes, node_of = nodes[order], inverse_permutation(order)[inverse]
         contributors, sends, receives = self._messages(rank, elements, nodes)
         away = int(np.sum(self._lateness[elements] == 0))
-        return Part(
+        return MeshPart(
             elements, away, nodes, node_of, self._counts[nodes], contributors,
             sends, receives, self._spans(rank, nodes),
         )  # fmt: skip

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.kernels.simd.sums import tree
-from swe_sphere.mesh.partition import Part
+from swe_sphere.mesh.partition import MeshPart
 from swe_sphere.operators.launch import Launcher
 
 
@@ -24,7 +24,7 @@ class Chunks:
     A single process cuts its nodes, in the order of memory, into chunks of equal length.
     """
 
-    def __init__(self, part: Part, launch: Launcher) -> None:
+    def __init__(self, part: MeshPart, launch: Launcher) -> None:
         size, comm, device = part.nodes.size, launch.comm, launch.device
         spans = part.spans if comm.shared else equal_spans(size, math.isqrt(size) + 1)
         self._comm, self.count = comm, spans.shape[1]

@@ -19,10 +19,10 @@ from swe_sphere.kernels.simd.stages import stage_struct
 from swe_sphere.kernels.terms import KernelTypes, kernel_types
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cubed_sphere import BLOCK
-from swe_sphere.mesh.partition import Part, Partition, single_part
+from swe_sphere.mesh.partition import MeshPart, Partition, single_part
 from swe_sphere.operators.chunks import Chunks
 from swe_sphere.operators.halo import Halo
-from swe_sphere.operators.launch import REMEMBERED, Cuts, Launcher, Span
+from swe_sphere.operators.launch import MOST_CACHED, Cuts, Launcher, Span
 from swe_sphere.operators.strips import Strips
 from swe_sphere.ranks.communicator import Communicator
 
@@ -55,7 +55,7 @@ class DeviceMesh(NotCopyable):
 
     def __init__(
         self, mesh: Mesh, device: str, real: Any, shape: str, comm: Communicator = ALONE,
-        part: Part | None = None, launch: Launcher | None = None,
+        part: MeshPart | None = None, launch: Launcher | None = None,
     ) -> None:  # fmt: skip
         if part is None and comm.shared:
             part = Partition(mesh, comm.size).part(comm.rank)
@@ -159,7 +159,7 @@ class DeviceMesh(NotCopyable):
         """Return the stage that stores start + tau rate, the same object for the same arguments."""
         key = start.ptr, start.size, tau
         if key not in self._stages:
-            if len(self._stages) >= REMEMBERED:
+            if len(self._stages) >= MOST_CACHED:
                 self._stages.clear()
             stage = self._stages[key] = stage_struct(self.real)()
             stage.on, stage.start, stage.tau = True, start, tau
@@ -426,11 +426,6 @@ class DeviceMesh(NotCopyable):
             gathered = self.comm.gather(field[self.part.owned], counts, room)
             np.take(gathered, places, out=out, mode="clip")
         return joined.reshape(*values.shape[:-1], -1)
-
-    def matches(self, values: NDArray[Any], vector: wp.array) -> bool:
-        """Return whether fields (..., k N) of the whole mesh fit the vector (..., k n)."""
-        sizes = values.size * self.size, vector.size * self.mesh.size
-        return bool(values.shape[:-1] == vector.shape[:-1] and sizes[0] == sizes[1])
 
     @functools.cached_property
     def _owners(self) -> tuple[list[int], NDArray[Any]]:

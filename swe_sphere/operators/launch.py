@@ -22,7 +22,7 @@ from swe_sphere.kernels.simd.shared_lines import block_threads
 from swe_sphere.kernels.vectors import ADDERS
 from swe_sphere.ranks.communicator import Communicator
 
-REMEMBERED = 512
+MOST_CACHED = 512
 
 
 class Span(NamedTuple):
@@ -133,7 +133,7 @@ class Launcher(NotCopyable):
         """Run the kernel over `dim` threads, which may be cut into strips."""
         key = (id(kernel), dim, *map(_identity, arguments))
         if (known := self._commands.get(key)) is None:
-            if len(self._commands) >= REMEMBERED:
+            if len(self._commands) >= MOST_CACHED:
                 self.forget()
             command = wp.launch(
                 kernel, dim, inputs=list(arguments), device=self.device, record_cmd=True,

@@ -13,7 +13,7 @@ from swe_sphere.kernels.local import field_kernel
 from swe_sphere.kernels.pointwise import NO_POINTWISE, pointwise_sum
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.diagnose import assemble
-from swe_sphere.operators.launch import REMEMBERED
+from swe_sphere.operators.launch import MOST_CACHED
 
 
 class EdgePenaltyOperator:
@@ -43,7 +43,7 @@ class EdgePenaltyOperator:
         }  # fmt: skip
         self._geometry = mesh.geometry(types.geometry, given)
         given = given | {"derivative": mesh.upload(np.ascontiguousarray(mesh.mesh.derivative.T))}
-        self._geometry_of = functools.lru_cache(REMEMBERED)(
+        self._geometry_of = functools.lru_cache(MOST_CACHED)(
             lambda stage: mesh.geometry(types.geometry, given | {"stage": stage})
         )
         """Function from a stage to the geometry that contains it, the same object each time."""

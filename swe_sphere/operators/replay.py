@@ -7,7 +7,7 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.operators.launch import REMEMBERED, Cuts, Launcher, warp_internals
+from swe_sphere.operators.launch import MOST_CACHED, Cuts, Launcher, warp_internals
 from swe_sphere.operators.strips import StripLaunches
 
 Pieces = list[Callable[[], None]]
@@ -56,7 +56,7 @@ class Replay:
             yield
             return
         first, counted, pieces = key not in self._known, dict(self._counters), Pieces()
-        if first and len(self._known) >= REMEMBERED:
+        if first and len(self._known) >= MOST_CACHED:
             self._known.clear()
         self._launch.records = False  # in the block
         try:

@@ -18,7 +18,7 @@ import warp as wp
 
 from swe_sphere.kernels.simd.strips import sweep_strips
 from swe_sphere.mesh.cubed_sphere import BLOCK
-from swe_sphere.mesh.partition import Part
+from swe_sphere.mesh.partition import MeshPart
 from swe_sphere.operators.launch import Cuts, Launcher, Span
 
 NODES = 4096
@@ -32,7 +32,7 @@ class Strips:
     types.
     """
 
-    def __init__(self, part: Part, lanes: int) -> None:
+    def __init__(self, part: MeshPart, lanes: int) -> None:
         """Cut a part into strips; a group has `lanes` elements."""
         elements, points = part.elements.size, part.node_of[0].size
         width = -(-NODES // (points * BLOCK)) * BLOCK

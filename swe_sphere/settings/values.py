@@ -102,7 +102,7 @@ def by_owner(settings: Iterable[Setting]) -> dict[str, dict[str, Any]]:
     return values
 
 
-def overridden(values: Mapping[str, Any], by: Mapping[str, Any]) -> dict[str, Any]:
+def override(values: Mapping[str, Any], by: Mapping[str, Any]) -> dict[str, Any]:
     """Return values by field with those of another table in their place, settings one by one.
 
     A field and a setting of the same parameter (`FIELD_OWNERS`) replace one another.
@@ -169,7 +169,7 @@ def place_and_complaint(error: ValidationError) -> str:
     return f"{where}: {complaint(error)}" if where else complaint(error)
 
 
-def validated(model: type[M], values: Mapping[str, object]) -> M:
+def validate(model: type[M], values: Mapping[str, object]) -> M:
     """Return an instance of the model with these values, converted and checked.
 
     Raises ConfigError for an unknown name or an unfit value, in one line that names the flag.

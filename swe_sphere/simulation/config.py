@@ -24,7 +24,7 @@ from swe_sphere.settings.values import (
     by_owner,
     names_in,
     read_settings,
-    validated,
+    validate,
 )
 from swe_sphere.simulation.planning import meant_hours
 
@@ -283,5 +283,5 @@ class Keywords(TypedDict, total=False):
 
 
 def make_config(values: Mapping[str, object]) -> RunConfig:
-    """Return the configuration of these values; raises the errors of `validated`."""
-    return validated(RunConfig, values)
+    """Return the configuration of these values; raises the errors of `validate`."""
+    return validate(RunConfig, values)

@@ -15,7 +15,7 @@ import numpy as np
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.files.user_file import guarded, load_file
+from swe_sphere.files.user_file import call_custom, load_file
 from swe_sphere.io.integrals import (
     Fields,
     Norms,
@@ -179,7 +179,7 @@ def reference_errors(reference: Reference, snapshot: Snapshot) -> Numbers:
 def call_in_run(what: str, function: Callable[..., T], *arguments: Any) -> T:
     """Return the result of a user-defined function; RunFailed states what failed, and where."""
     try:
-        return guarded(what, function, *arguments)
+        return call_custom(what, function, *arguments)
     except ConfigError as error:
         raise RunFailed(str(error)) from error
 

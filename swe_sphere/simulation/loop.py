@@ -13,7 +13,7 @@ from swe_sphere.errors import Interrupted, RunFailed, TimedOut
 from swe_sphere.files.user_file import is_custom
 from swe_sphere.planet import DAY
 from swe_sphere.ranks.limits import StopRequest, stop_is_asked
-from swe_sphere.simulation.observers import Callback, HealthCheck, Observer, label, observed
+from swe_sphere.simulation.observers import Callback, HealthCheck, Observer, label, notify
 
 
 class Interruption:
@@ -100,8 +100,8 @@ class Loop:
             self.health.observe(self.sim.snapshot)
             for observer in self.observers:
                 is_end = steps == self.plan.steps and observer.sees_end
-                if is_end or observed(observer, "due", steps):
-                    observed(observer, "observe", self.sim.snapshot)
+                if is_end or notify(observer, "due", steps):
+                    notify(observer, "observe", self.sim.snapshot)
                     if self.sim.steps != steps:
                         what = "has stepped, run or reset the simulation during its run"
                         raise RunFailed(f"{label(observer)} {what}: do so after the run")
@@ -116,7 +116,7 @@ class Loop:
         plan, everyone, steps = self.plan, (self.health, *self.observers), self.sim.steps
         end = min(each for each in (plan.first, plan.tail_begin, plan.steps) if each > steps)
         following = range(steps + plan.cycle, end, plan.cycle)
-        due = (step for step in following if any(observed(each, "due", step) for each in everyone))
+        due = (step for step in following if any(notify(each, "due", step) for each in everyone))
         return next(due, end)
 
     def _advance(self, stop: int) -> bool:
@@ -137,7 +137,7 @@ class Loop:
                 if (now := time.monotonic()) - self._last_tick >= TICK:
                     self._last_tick = now
                     for observer in self.observers:
-                        observed(observer, "tick", sim.steps)
+                        notify(observer, "tick", sim.steps)
                 is_asked = sim.steps < stop and self._is_asked_to_stop()
             wp.synchronize_device(model.device)
             return is_asked

@@ -54,7 +54,7 @@ class Observer:
         """Finish; called after the last step, also if the run stopped early."""
 
 
-def observed(observer: Observer, method: str, *arguments: Any) -> Any:
+def notify(observer: Observer, method: str, *arguments: Any) -> Any:
     """Call a method of an observer; errors of a user-defined one end the run in one line."""
     call = getattr(observer, method)
     if not is_custom(type(observer)):

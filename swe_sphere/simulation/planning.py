@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.user_file import guarded
+from swe_sphere.files.user_file import call_custom
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.settings.values import convert
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # imports Warp
     from swe_sphere.steppers import Stepper
 
 MOST_STEPS = 10**9
-SHORTEST = Fraction(1, 2)
+LEAST_PART = Fraction(1, 2)
 """Smallest fraction to which a requested step may be shortened."""
 SHORTEST_AUTOMATIC = Fraction(1, 20)
 """An automatic step may be shortened to this fraction of itself and of the times it must fit."""
@@ -42,7 +42,7 @@ def stability_limit(kind: type[Stepper], spectrum: Spectrum) -> float:
     Raises ConfigError if the stepper does not return a number.
     """
     label = f"stable_dt of stepper {kind.name}"
-    return float(convert(label, float, guarded(label, kind.stable_dt, spectrum), finite=False))
+    return float(convert(label, float, call_custom(label, kind.stable_dt, spectrum), finite=False))
 
 
 @dataclass(frozen=True)
@@ -156,10 +156,10 @@ def time_plan(
         return whole / together, together
 
     step, together = fitted(reduce(common_measure, [interval, *calls], length))
-    if step < SHORTEST * Fraction(dt):  # steps fit the times, but those at the end are shorter
+    if step < LEAST_PART * Fraction(dt):  # steps fit the times, but those at the end are shorter
         times = calls if every is None and calls else [interval, *calls]
         step, together = fitted(reduce(common_measure, times))
-        shortest = SHORTEST * Fraction(dt)
+        shortest = LEAST_PART * Fraction(dt)
         if automatic:
             shortest = SHORTEST_AUTOMATIC * min(Fraction(dt), *times)
         if step < shortest:

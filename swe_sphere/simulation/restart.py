@@ -19,7 +19,7 @@ from swe_sphere.files.fingerprints import SCENE_FILE, file_fingerprint
 from swe_sphere.files.user_file import cause, check_trusted, file_contents, is_user_file
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
-from swe_sphere.settings.values import overridden
+from swe_sphere.settings.values import override
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.planning import RunPlan
 from swe_sphere.testcases.user_scenes import scene_files
@@ -169,7 +169,7 @@ class Restart:
     def adopt(self, config: RunConfig) -> RunConfig:
         """Return the configuration, with the values of the earlier run for unset options."""
         kept = {name: value for name, value in self.table().items() if name in INHERITED}
-        merged = make_config(overridden(kept, config.given()) | {"restart": self.path})
+        merged = make_config(override(kept, config.given()) | {"restart": self.path})
         for ours, theirs in (  # each may be a Python file
             (config.given().get("stepper"), merged.stepper),
             (config.chosen_preconditioner, merged.chosen_preconditioner),

@@ -63,7 +63,7 @@ from swe_sphere.simulation.observers import (
     Recorder,
     check_finite,
     live_view,
-    observed,
+    notify,
     read_callbacks,
 )
 from swe_sphere.simulation.planning import RunPlan
@@ -439,7 +439,7 @@ class Simulation(NotCopyable):
         with ExitStack() as stack:  # each observer ends if it has begun
             try:
                 for observer in observers:
-                    observed(observer, "begin", self.plan, self.snapshot)
+                    notify(observer, "begin", self.plan, self.snapshot)
                     stack.callback(self._end, observer)
                 _ = self.snapshot.own  # a diagnostic that fails does so before the first step
                 with users_code(), nullcontext() if interruption else noted:
@@ -456,7 +456,7 @@ class Simulation(NotCopyable):
 
     def _end(self, observer: Observer) -> None:
         try:
-            observed(observer, "end")
+            notify(observer, "end")
         except (SweError, *BREAKDOWNS) as error:
             ended = self.outcome
             if ended.completed:

@@ -29,7 +29,7 @@ LEAST = 1e-6
 """Least relative tolerance of a linear solve, unless the target itself is smaller."""
 
 DECREASE = 1e-4
-SHORTEST = 0.1
+LEAST_SHORTENING = 0.1
 """Least ratio of a trial step to the one before."""
 TRIALS = 11
 
@@ -219,8 +219,8 @@ def backtrack(trial: Callable[[float], float], norm: float, eta: float) -> Searc
     trial(s) is |F(x + s d)|, norm |F(x)|, eta the forcing term. The next length minimises a
     parabola through |F|^2: at first the one with the least slope of a direction of relative
     residual eta, then the one through the last two trials and the origin (Kelley, Iterative Methods
-    for Linear and Nonlinear Equations, 1995, 8.3.1), limited to between `SHORTEST` and a half of
-    the last. A trial that is not finite is cut to a quarter.
+    for Linear and Nonlinear Equations, 1995, 8.3.1), limited to between `LEAST_SHORTENING` and a
+    half of the last. A trial that is not finite is cut to a quarter.
     """
     s, t, previous = 1.0, 0.0, norm
     for count in range(1, TRIALS + 1):
@@ -240,6 +240,6 @@ def backtrack(trial: Callable[[float], float], norm: float, eta: float) -> Searc
                 curvature = (rise - (previous**2 - norm**2) / t) / (s - t)
                 slope = rise - curvature * s
             best = -slope / (2.0 * curvature * s) if curvature > 0.0 else 0.5
-            factor = min(max(best, SHORTEST), 0.5)
+            factor = min(max(best, LEAST_SHORTENING), 0.5)
         s, t, previous = s * factor, s, value
     return Search(s, value, False, TRIALS)

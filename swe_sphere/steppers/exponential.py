@@ -67,7 +67,7 @@ APART = 16
 """The error is estimated each time the basis has grown by one over this number."""
 SHORTER = 0.85
 """Factor that shortens a time which the largest basis does not reach."""
-SHORTEST = 1e-4
+SHORTEST_SUBSTEP = 1e-4
 """Fraction of the whole time below which a step counts as a failure."""
 
 
@@ -169,7 +169,7 @@ class KrylovExponential:
                 least = small.columns + 2 + small.columns // APART
                 look = max(least, math.ceil(rest * small.radius()))
         t = SHORTER * min(rest, self.size / max(small.radius(), self.size / rest))
-        while t > SHORTEST * p.length:
+        while t > SHORTEST_SUBSTEP * p.length:
             coefficients, error = small.phi(p.terms, t)
             if self._is_small(p, error, t, size):
                 return t, size * coefficients

@@ -14,7 +14,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.solvers.gravity_waves import advection_rate
 from swe_sphere.steppers.runge_kutta import RK4
-from swe_sphere.steppers.stability import TOLERANCE, Complex, largest_eigenvalue, largest_step
+from swe_sphere.steppers.stability import NO_GROWTH, Complex, largest_eigenvalue, largest_step
 from swe_sphere.steppers.stepper import Stepper
 
 INTERVALS = 18
@@ -100,7 +100,7 @@ class FlowLimitStepper(Stepper):
             return np.asarray(np.max([largest_eigenvalue(s) for s in steps], axis=0))
 
         return largest_step(
-            growth, wave, spectrum.dissipation, cls.reach, WEAK if share else TOLERANCE, cls.looks
+            growth, wave, spectrum.dissipation, cls.reach, WEAK if share else NO_GROWTH, cls.looks
         )
 
     @classmethod

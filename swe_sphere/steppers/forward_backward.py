@@ -21,7 +21,7 @@ from swe_sphere.kernels.forward_backward import (
 from swe_sphere.kernels.local import field_kernel, tendency_kernels
 from swe_sphere.kernels.pointwise import pointwise_sum
 from swe_sphere.kernels.simd.stages import levels_struct
-from swe_sphere.operators.launch import REMEMBERED
+from swe_sphere.operators.launch import MOST_CACHED
 from swe_sphere.operators.tendency import fill, filled
 from swe_sphere.steppers.flow_limit import NOTHING_BUT_WIND, FlowLimitStepper, wind_share
 from swe_sphere.steppers.runge_kutta import RK4
@@ -143,7 +143,7 @@ class Passes:
         """Return the arguments of kernels of a pass; equal arguments give the same object."""
         key = (tau, *(x.ptr for x in (*levels, out)), *weights, *mixes)
         if key not in self._steps:
-            if len(self._steps) >= REMEMBERED:
+            if len(self._steps) >= MOST_CACHED:
                 self._steps.clear()
             now, past = levels
             given = {"now": now, "past": past, "out": out, "tau": tau, "weights": weights}

@@ -14,7 +14,7 @@ from swe_sphere.planet import DAY
 
 Complex = NDArray[np.complex128]
 Rows = tuple[tuple[float, ...], ...]
-TOLERANCE = 1e-7
+NO_GROWTH = 1e-7
 SHORT = 0.25
 """Product of a step and the spectral radii; waves that grow there grow at any step."""
 GROWTH_TIME = 15 * DAY
@@ -25,7 +25,7 @@ ROUNDING = 1e-6
 
 def largest_step(
     growth: Callable[[Complex, Complex], Array], wave: float, dissipation: float, reach: float,
-    tolerance: float = TOLERANCE, looks: int = 1, growth_time: float = math.inf,
+    tolerance: float = NO_GROWTH, looks: int = 1, growth_time: float = math.inf,
 ) -> float:  # fmt: skip
     """Return the largest dt [s] up to which no mode grows by more than the tolerance in a step.
 

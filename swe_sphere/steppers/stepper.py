@@ -151,7 +151,8 @@ class Trajectory(NotCopyable):
         """
         mesh, misfit = self.model.device_mesh, f"the restart data do not fit stepper {self.name}"
         for name, array in self.restart_arrays().items():
-            if name not in state or not mesh.matches(state[name], array):
+            shape = *array.shape[:-1], array.shape[-1] // mesh.size * mesh.mesh.size
+            if name not in state or state[name].shape != shape:
                 raise ConfigError(f"{misfit}: {name}")
             wp.copy(array, mesh.scatter(state[name]))
         try:

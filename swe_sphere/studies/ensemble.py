@@ -13,7 +13,7 @@ from swe_sphere.files.durable import clear_errors, write_whole
 from swe_sphere.files.fingerprints import code_fingerprint
 from swe_sphere.io.checkpoint import checkpoint_path
 from swe_sphere.io.integrals import area_mean
-from swe_sphere.io.runfile import TOLERANCE, RunFile, table_in
+from swe_sphere.io.runfile import TIME_TOLERANCE, RunFile, table_in
 from swe_sphere.io.scalar_fields import check_field, describe
 from swe_sphere.pictures.panels import ROUND, Panel, draw_panel
 from swe_sphere.pictures.plot import DOTS_PER_INCH, new_figure
@@ -105,7 +105,7 @@ def spread(files: Sequence[Path], field: str = "vorticity") -> pd.DataFrame:
     times, mesh = runs[0].times, runs[0].mesh
     for other in runs[1:]:  # interrupted members have further frames
         same = np.array_equal(other.mesh.xyz, mesh.xyz)
-        times = times[[bool(np.any(np.abs(other.times - t) < TOLERANCE)) for t in times]]
+        times = times[[bool(np.any(np.abs(other.times - t) < TIME_TOLERANCE)) for t in times]]
         if times.size < min(2, runs[0].times.size) or not same:
             raise ConfigError(f"{other.path} has another mesh or other times than {runs[0].path}")
     frames = (np.stack([run.values(field, time) for run in runs]) for time in times)

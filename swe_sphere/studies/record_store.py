@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 STOPPED = ("refused", "unstable", "solver-failed")
 """Outcomes of runs that stop themselves with a reason."""
-ENDS = ("completed", *STOPPED, "timed-out", "failed")
+STATUSES = ("completed", *STOPPED, "timed-out", "failed")
 """All outcomes of a run."""
 UNEXPECTED = (ArithmeticError, LookupError, MemoryError, RuntimeError, TypeError, ValueError)
 """Unexpected errors: a run that ends with one of them has failed."""

@@ -319,7 +319,7 @@ METADATA = tested(
         "a frame up to a day away is taken",
         "swe_sphere/io/runfile.py",
         ("test_initial.py::test_any_frame_is_chosen_by_its_time",),
-        "<= TOLERANCE:\n            days",
+        "<= TIME_TOLERANCE:\n            days",
         "<= 86400.0:\n            days",
     ),
     (

@@ -171,7 +171,7 @@ def _errors_against(sim: Simulation, case: Case) -> dict[str, float]:
 SAMPLES = 120
 """Approximate number of samples of a run."""
 CHANGES = (*DRIFTS, "total_vorticity")
-ENDS = ("l2_h", "l2_v", "linf_h", "off_wave", "off_mirror")
+ERRORS_AT_END = ("l2_h", "l2_v", "linf_h", "off_wave", "off_mirror")
 """Numbers of which only the last sample is used."""
 
 
@@ -197,10 +197,10 @@ class Series(Observer):
 
         Drifts are the largest of either sign over the run; max_wind [m s-1] is the largest,
         min_depth [m] the least; wind_growth is max_wind over that of the start, froude the largest
-        max_wind over the speed of gravity waves, energy_gain the largest rise of energy.  `ENDS`
-        are values at the end; growth_v and growth_h describe the growth of errors, see `_growth`.
-        symmetry_day is the first day on which off_wave exceeds 0.01, infinite if there is none.
-        For tracers there are extremes of mixing ratios, and the largest drift of a mass.
+        max_wind over the speed of gravity waves, energy_gain the largest rise of energy. Values of
+        `ERRORS_AT_END` are those at the end. symmetry_day is the first day on which off_wave
+        exceeds 0.01, infinite if there is none. For growth_v and growth_h see `_growth`. For
+        tracers there are extremes of mixing ratios, and the largest drift of a mass.
         """
         if not self.rows:
             return {}
@@ -215,7 +215,7 @@ class Series(Observer):
             "energy_gain": of["energy_drift"].max(),
             "last_day": days[-1],
         }
-        found |= {name: of[name][-1] for name in ENDS if name in of}
+        found |= {name: of[name][-1] for name in ERRORS_AT_END if name in of}
         found |= {f"growth_{x}": _growth(of[f"l2_{x}"]) for x in "hv" if f"l2_{x}" in of}
         if "off_wave" in of:
             found["symmetry_day"] = min(days[of["off_wave"] > 1e-2], default=math.inf)

@@ -36,11 +36,11 @@ from swe_sphere.studies.sweep.runs import (
 )
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan, make_plan
 
-SHORTEST = 64.0
+SHORTEST_SEARCHED = 64.0
 """A search for an error tries no step below min(longest step, gravity limit) over this number."""
 TRIAL_GROWTH = {True: 1.12, False: 2.0}
 """Ratio of trial steps in the search for a limit, with and without a limit from theory."""
-FARTHEST = {"gravity_limit": 64.0, "advective_limit": 8.0}
+LONGEST_SEARCHED = {"gravity_limit": 64.0, "advective_limit": 8.0}
 """A search for an error begins with a step of at most the largest of these multiples of limits."""
 FINEST = 0.1
 """Least common measure of report times, in gravity limits: every step divides it."""
@@ -311,9 +311,9 @@ class Sweep:
             return self._error(record)
 
         limits, budget = integrator.space.limits, f"{self._plan.budget or math.inf:g} s"
-        longest = max(part * limits[name] for name, part in FARTHEST.items())
+        longest = max(part * limits[name] for name, part in LONGEST_SEARCHED.items())
         longest = min(longest, integrator.safe_dt, self._study.interval)
-        shortest = min(longest, limits["gravity_limit"]) / SHORTEST
+        shortest = min(longest, limits["gravity_limit"]) / SHORTEST_SEARCHED
         try:
             longest_accurate(error, target, longest, shortest)
         except NoStepError as none:

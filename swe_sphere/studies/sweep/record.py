@@ -22,7 +22,7 @@ from swe_sphere.files.fingerprints import processor, versions
 from swe_sphere.io.integrals import DRIFTS, Norms
 from swe_sphere.settings.values import flag_of, read_toml
 from swe_sphere.simulation.config import RunConfig, SharedConfig
-from swe_sphere.studies.record_store import ENDS, Record, Store, as_netcdf, read_record
+from swe_sphere.studies.record_store import STATUSES, Record, Store, as_netcdf, read_record
 from swe_sphere.studies.sweep.runs import DIAGNOSTIC, Role, Study
 
 HEADER, RUNS, DATASET = "sweep.json", "runs", "sweep.nc"
@@ -70,7 +70,7 @@ class RunRecord(Record):
     role: Role
     config: RunConfig
     """Complete: scene, mesh, stepper and its options, the step dt [s] and the length [days]."""
-    status: Annotated[str, Field(pattern=f"^({'|'.join(ENDS)})$")]
+    status: Annotated[str, Field(pattern=f"^({'|'.join(STATUSES)})$")]
     reason: str
     numbers: Mapping[str, float | None]
     """Costs, limits of the mesh, drifts and diagnostics by name."""

@@ -32,7 +32,7 @@ from swe_sphere.files.fingerprints import (
     fingerprint,
     processor,
 )
-from swe_sphere.files.user_file import guarded, is_custom, is_user_file
+from swe_sphere.files.user_file import call_custom, is_custom, is_user_file
 from swe_sphere.io.integrals import Fields
 from swe_sphere.io.reference_solution import Reference
 from swe_sphere.operators import find_device
@@ -55,9 +55,9 @@ from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
 RATIO = math.sqrt(2.0)
 """Ratio of successive steps of an explicit stepper, whose useful range is short."""
-FARTHEST = 64.0
+LONGEST_IMPLICIT = 64.0
 """Longest step of a stepper that gravity waves do not limit, in gravity limits."""
-SHORTEST = 2.0
+SHORTEST_IMPLICIT = 2.0
 """Shortest implicit step, in gravity limits; for shorter steps explicit steppers cost less."""
 
 REFINEMENTS = 6
@@ -84,8 +84,8 @@ def dt_sequence(
     gravity waves set that limit; gravity: limit [s] of leapfrog; longest: no step is longer [s];
     levels: number of steps.
     """
-    top = min(usable, FARTHEST * gravity, longest)
-    bottom = min(gravity if math.isfinite(usable) else SHORTEST * gravity, top)
+    top = min(usable, LONGEST_IMPLICIT * gravity, longest)
+    bottom = min(gravity if math.isfinite(usable) else SHORTEST_IMPLICIT * gravity, top)
     if explicit:
         ratio = RATIO
     elif levels == 1 or top <= bottom * (1.0 + 1e-9):
@@ -238,7 +238,7 @@ class Discretisation:
         if of not in self._spectra:
             model = self.sim.model
             label = f"spectrum of stepper {kind.name}"
-            self._spectra[of] = guarded(label, of.spectrum, model, model.initial_state())
+            self._spectra[of] = call_custom(label, of.spectrum, model, model.initial_state())
         return planning.stability_limit(kind, self._spectra[of])
 
 

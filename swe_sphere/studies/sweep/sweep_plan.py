@@ -15,10 +15,10 @@ from swe_sphere.settings.values import (
     by_field,
     flag_of,
     names_in,
-    overridden,
+    override,
     read_settings,
     read_toml,
-    validated,
+    validate,
 )
 from swe_sphere.simulation import config
 from swe_sphere.simulation.build import check_mesh, make_scene
@@ -141,7 +141,7 @@ def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> Sweep
     scene: one that replaces the named one. Raises ConfigError for an unknown name or an unfit
     value, in one line that names it.
     """
-    plan = validated(SweepPlan, values)
+    plan = validate(SweepPlan, values)
     _check_options(plan)
     made = make_scene(plan.run_config(), scene)
     for name in plan.steppers:
@@ -218,7 +218,7 @@ class Recipe:
         if not chosen:
             scenes = ", ".join(str(values.get("scene")) for values in self.sweeps)
             raise ConfigError(f"the recipe has no scene {scene!r}; it has {scenes}")
-        plans = [make_plan(overridden(values, flags)) for values in chosen]
+        plans = [make_plan(override(values, flags)) for values in chosen]
         unnamed = {plan.model_copy(update={"name": ""}).model_dump_json() for plan in plans}
         if len(unnamed) < len({plan.model_dump_json() for plan in plans}):
             raise ConfigError("a flag sets what [sweep.each] of the recipe varies: leave it out")
