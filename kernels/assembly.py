@@ -80,6 +80,7 @@ def assemble_blocks(
         leave_one(s, first + k * size + node, 0, rate, out)
 
 
+@functools.cache
 def finish_rates(t: KernelTypes, fields: int) -> Finish:
     """Return the `Finish` that stores the rates of `fields` fields, with pointwise terms added."""
     assert t.point is not None

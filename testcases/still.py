@@ -18,8 +18,7 @@ STILL = Planet(EARTH.radius, EARTH.gravity, 0.0)
 def lake_at_rest(cone: bool = True, rotating: bool = True) -> Scene:
     """Water at rest over a mountain (exact): nothing may move.
 
-    The surface is at 5960 m. Any motion shows that the discrete gradients of bottom and depth do
-    not cancel.
+    The surface is at 5960 m. Any motion shows that gradients of bottom and depth do not cancel.
 
     Args:
         cone: use the cone of williamson5; otherwise the smooth mountain 2000 m exp(-|n - n0|²/w²)

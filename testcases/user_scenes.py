@@ -17,8 +17,7 @@ viscosity = { nu = 1e5 }                # switched on, or its parameters changed
 rotation = false                        # switched off; the exact solution is dropped
 
 The keyword parameters of a factory (a function that returns a scene) are the parameters of its
-scene. Their annotations state the permitted values, as `swe_sphere.settings.values.convert` reads
-them.
+scene. Their annotations state the permitted values (`swe_sphere.settings.values.convert`).
 """
 
 import importlib
@@ -90,7 +89,7 @@ def get_scene(name: str, **parameters: Parameter) -> Scene:
         return _load(Path(name), parameters)
     if name not in SCENES:
         raise unknown_name("scene", name, SCENES)
-    return made(name, SCENES[name], parameters)
+    return call_custom(f"scene {name}", made, name, SCENES[name], parameters)
 
 
 def list_scenes() -> dict[str, str]:

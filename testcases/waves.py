@@ -225,7 +225,7 @@ def slow_ocean(m: int = 4, n: int = 10, speed: float = 0.1, linear: bool = False
 
 Wave = Literal["kelvin", "rossby", "eastward", "westward"]
 FUNCTIONS = 160
-"""Number of harmonics of each field of a normal mode: enough for round-off at a depth of 1 m."""
+"""Number of harmonics of each field of a normal mode; for n = 1 they suffice at a depth of 1 m."""
 
 
 def hough(
@@ -241,8 +241,7 @@ def hough(
     Streamfunction, velocity potential and geopotential are sums of spherical harmonics of zonal
     wavenumber k. The equations linearised about rest (`TidalEquations`) then become a symmetric
     eigenvalue problem (Swarztrauber & Kasahara 1985, doi:10.1137/0906033), whose eigenvalues are
-    the frequencies. The pattern goes around the planet without changing its shape; the recommended
-    length of the run is one period.
+    the frequencies. The pattern keeps its shape; the recommended length of the run is one period.
 
     Args:
         wave: "kelvin", "rossby", or gravity wave "eastward" or "westward".
@@ -252,7 +251,7 @@ def hough(
         amplitude: root mean square of the wind [m s-1].
         linear: use the equations linearised about rest, for which the mode is exact.
 
-    Raises ConfigError for a mode that does not exist, and for a depth that is not positive.
+    Raises ConfigError for a mode that does not exist, and a depth too small to resolve the mode.
     """
     if not 1 <= k <= 500 or not 1 <= n <= FUNCTIONS // 4 or (wave == "kelvin" and n != 1):
         raise ConfigError(
@@ -286,6 +285,12 @@ def hough_wave(wave: Wave, k: int, n: int, depth: float, amplitude: float) -> Ho
         "eastward": 2 * FUNCTIONS + n,
     }[wave]
     found = TidalEquations(k, depth, EARTH, FUNCTIONS).mode(place)
+    sizes = np.abs(found.coefficients).max(axis=2)
+    if np.any(sizes[:, -3:].max(axis=1) > 1e-8 * sizes.max(axis=1)):
+        raise ConfigError(
+            f"hough: {FUNCTIONS} harmonics do not resolve this mode: take a smaller n, or a depth"
+            f" of more than {depth:g} m"
+        )
     degree = np.arange(k + FUNCTIONS)[:, None]
     square = 0.5 * np.sum(degree * (degree + 1) * np.abs(found.coefficients[:2]) ** 2)
     factor = amplitude * EARTH.radius / np.sqrt(square)
@@ -324,15 +329,15 @@ def matsuno(
     Args:
         wave: "rossby", "eig" (eastward inertia-gravity) or "wig" (westward inertia-gravity).
         k: zonal wavenumber, 1 to 500.
-        n: number of zeros of v between the poles, 1 to 500.
+        n: number of zeros of v between the poles, 1 to 40; waves of larger n reach the poles.
         amplitude: factor of the normalised northward wind [m s-1].
         linear: use the equations linearised about rest. The full equations require a tiny
             amplitude, and float64 to resolve so small a wave in the depth.
 
     Raises ConfigError for a mode that does not exist.
     """
-    if not (1 <= k <= 500 and 1 <= n <= 500):
-        raise ConfigError(f"matsuno: k and n must be 1 to 500, got {k} and {n}")
+    if not (1 <= k <= 500 and 1 <= n <= 40):
+        raise ConfigError(f"matsuno: k must be 1 to 500 and n 1 to 40, got {k} and {n}")
     mode = EquatorialMode(wave, k, n, amplitude)
 
     return build_scene(

@@ -1,7 +1,6 @@
 """The test set of Williamson, Drake, Hack, Jakob & Swarztrauber (1992), J. Comput. Phys. 102.
 
-doi:10.1016/S0021-9991(05)80016-6. Case 7 has a separate file; the cross-polar flow of McDonald &
-Bates (1989) is added.
+doi:10.1016/S0021-9991(05)80016-6. Case 7 has a separate file. McDonald & Bates (1989) are added.
 """
 
 import numpy as np

@@ -65,8 +65,7 @@ def williamson7(
         balanced: keep only the rotational wind, with the height of the nonlinear balance equation.
         seed: seed of the random phases of the synthetic state.
 
-    Raises ConfigError for a file without the required contents, a degree or seed out of range, and
-    a filter without a file.
+    Raises ConfigError for a file of other contents, numbers out of range, a filter without a file.
     """
     if file is None:
         if degree or balanced:
@@ -171,7 +170,7 @@ def _read_analysis(path: Path) -> list[Array]:
             order, dims = np.argsort(lat[1]), [lat[0].dimensions[0], lon[0].dimensions[0]]
             fields = [_field(dataset, name, dims)[order] for name in "uvz"]
             return [np.radians(lat[1])[order], np.radians(lon[1]), *fields]
-    except (OSError, RuntimeError) as error:
+    except (OSError, RuntimeError, AttributeError, TypeError, ValueError) as error:
         why = getattr(error, "strerror", None) or "damaged, or not a netCDF file"
         raise ConfigError(f"cannot read {path}: {why}") from None
     except ConfigError as error:

@@ -11,6 +11,7 @@ from swe_sphere import DiagonallyImplicit, Simulation
 from swe_sphere.equations.effects import EdgePenalty, Hyperviscosity
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
+from swe_sphere.kernels.local import field_kernel
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.split_diffusion import HeldPenalty
@@ -332,6 +333,14 @@ def test_the_penalty_acts_once_in_a_cycle_that_limits_no_step():
         due = [step for step in range(3 * penalty.every) if penalty.is_due(step)]
         assert penalty.every % 2 == 0 and 2 <= penalty.every <= 24
         assert len(due) == 3 * (kind.diffusion_steps or 1)
+
+
+def test_another_penalty_makes_no_other_kernels():
+    mesh, scene = Mesh.build(2, 4), make_scene("rotation").with_effect(EFFECT)
+    Model(mesh, scene)
+    before = field_kernel.cache_info().currsize
+    Model(mesh, scene)
+    assert field_kernel.cache_info().currsize == before
 
 
 def test_absent_penalties_leave_the_kernels_as_they_are():

@@ -122,7 +122,8 @@ def test_a_run_of_a_fast_mode_is_one_period_long():
     [("hough", {"k": 0}, "k must be 1 to 500"), ("hough", {"k": 10**6}, "k must be 1 to 500"),
      ("hough", {"wave": "kelvin", "n": 2}, "1 for kelvin"),
      ("hough", {"depth": -1.0}, "depth must be positive"),
-     ("matsuno", {"n": 10**6}, "k and n must be 1 to 500"),
+     ("hough", {"depth": 1.0, "n": 40}, "take a smaller n, or a depth of more than 1 m"),
+     ("matsuno", {"n": 41}, "k must be 1 to 500 and n 1 to 40"),
      ("slow-ocean", {"m": 10**6, "n": 10**6}, "m must be 1 to 50")],
 )  # fmt: skip
 def test_modes_that_do_not_exist_are_refused(scene, parameters, said):

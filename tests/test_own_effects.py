@@ -475,6 +475,42 @@ def test_a_function_that_calls_itself_is_told_in_a_line() -> None:
         Model(MESH, scene).right_hand_side()
 
 
+def test_a_warp_function_that_is_defined_again_counts() -> None:
+    def added(factor: float) -> float:
+        @wp.func
+        def scaled(x: wp.float64):
+            return wp.float64(wp.static(factor)) * x
+
+        @dataclass(frozen=True)
+        class Scaled(PointwiseEffect):
+            name = "scaled"
+            rate: float = 1.0
+
+            @staticmethod
+            def depth_tendency(c, i, u, v, h):
+                return scaled(c.rate)
+
+        scene = make_scene().with_effect(Scaled())
+        return tendency(model := Model(MESH, scene), model.initial_state())[-1]
+
+    assert added(2.0) == pytest.approx(2.0)
+    assert added(7.0) == pytest.approx(7.0)
+
+
+def test_the_number_of_rates_is_named_in_the_message() -> None:
+    @dataclass(frozen=True)
+    class OneRate(PointwiseEffect):
+        name = "one-rate"
+
+        @staticmethod
+        def wind_tendency(c, i, u, v, h):
+            return u
+
+    scene = make_scene().with_effect(OneRate())
+    with pytest.raises(ConfigError, match="a wind formula returns two rates"):
+        Model(MESH, scene).right_hand_side()
+
+
 def test_classes_that_are_no_whole_effect_say_what_they_lack() -> None:
     class Undecorated(PointwiseEffect):
         name = "undecorated"

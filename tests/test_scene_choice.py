@@ -18,6 +18,7 @@ from swe_sphere.equations.effects import (
     Orography,
     PrescribedWind,
     PressureGradient,
+    Relaxation,
     Rotation,
     Viscosity,
     hyperviscosity_default,
@@ -138,10 +139,30 @@ def test_hyperviscosity_default_scaling() -> None:
     assert 30.0 * hyperviscosity_default(15, 4) == pytest.approx(1e16)
     assert 30.0 * hyperviscosity_default(60, 4) == pytest.approx(1e14)
     assert 30.0 * hyperviscosity_default(15, 7) == pytest.approx(1e15)
-    assert 30.0 * hyperviscosity_default(30, 4, EARTH.radius / 10.0) == pytest.approx(1e14)
+    assert 30.0 * hyperviscosity_default(30, 4, EARTH.radius / 10.0) == pytest.approx(1e12)
     mesh = Mesh.build(15, 4)
     assert Hyperviscosity().coefficients(mesh)["nu4"] == hyperviscosity_default(15, 4)
     assert Hyperviscosity(2.0).coefficients(mesh)["nu4"] == 2.0
+    assert not Hyperviscosity(2.0, factor=0.0).absent  # `factor` is of the default alone
+    assert Hyperviscosity(factor=0.0).absent and Hyperviscosity(0.0).absent
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameters", "message"),
+    [
+        (Relaxation, {"time": "10"}, "relaxation.time must be positive, got 10"),
+        (Relaxation, {"time": None}, "relaxation.time must be positive, got None"),
+        (Hyperviscosity, {"factor": None}, "hyperviscosity.factor must be finite"),
+    ],
+)
+def test_parameters_of_another_type_are_refused(effect, parameters, message) -> None:
+    with fails(message):
+        effect(**parameters)
+
+
+def test_numbers_that_overflow_a_scene_are_named() -> None:
+    with fails("scene williamson5 fails: OverflowError"):
+        get_scene("williamson5", speed=1e300)
 
 
 def test_hyperviscosity_default_follows_the_finest_part_of_a_stretched_mesh() -> None:

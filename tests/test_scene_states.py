@@ -346,6 +346,7 @@ BAD = {
         "change": spoil("z", units="K")
     },
     "u must have units 'm s-1', got 'knots'": {"change": spoil("u", units="knots")},
+    "damaged, or not a netCDF file": {"change": spoil("lat", units=3.0)},
     "lat must be in degrees, got 'radians'": {"change": spoil("lat", units="radians")},
     "u has 2 missing or infinite values; there must be none": {"change": hole},
     "z varies by more than 10 km": {"change": tall},

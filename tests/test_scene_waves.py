@@ -271,7 +271,7 @@ def test_full_equations_give_the_same_wave_at_a_tiny_amplitude() -> None:
     assert full.effect("linearised") is None and linear.effect("linearised") is not None
     one, two = (after(scene, 12.0, 1800.0, Mesh.build(3, 6)) for scene in (linear, full))
     np.testing.assert_allclose(one["v"], two["v"], rtol=0.0, atol=1e-4 * np.abs(one["v"]).max())
-    with pytest.raises(ConfigError, match="matsuno: k and n must be 1 to 500, got 5 and 0"):
+    with pytest.raises(ConfigError, match="matsuno: k must be 1 to 500 and n 1 to 40, got 5 and 0"):
         get_scene("matsuno", n=0)
     with pytest.raises(ConfigError, match="matsuno: wave must be one of rossby, eig, wig, got 'x'"):
         get_scene("matsuno", wave="x")

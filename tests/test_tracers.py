@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swe_sphere.equations.effects import Tracers, Viscosity
+from swe_sphere import Simulation
+from swe_sphere.equations.effects import Orography, Tracers, Viscosity
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import apply_settings
 from swe_sphere.errors import ConfigError
@@ -204,6 +205,35 @@ def test_restart_is_bitwise_exact(mesh, name):
     for _ in range(3):
         again.step()
     assert np.array_equal(again.state.numpy(), whole.state.numpy())
+
+
+@pytest.mark.parametrize("name", ["rk4", "semi-implicit"])
+def test_explicit_diffusion_of_tracers_is_stable_over_a_mountain(name):
+    """The field q (h + b) is 20 times hq over the summit, whose rates the fluid does not have."""
+    peak = replace(
+        make_scene(*FLOW, "viscosity"),
+        bottom=lambda lon, lat: 3800.0 * np.exp(-20.0 * (1.0 - np.cos(lat) * np.cos(lon))),
+        initial=lambda lon, lat: (0.0, 0.0, 4000.0 - peak.bottom(lon, lat)),
+    ).with_effect(Viscosity(1e7))
+    sim = Simulation(with_tracers(peak), ne=4, np=4, stepper=name)
+    assert sim.run(days=1)["status"] == "completed"
+    np.testing.assert_allclose(sim.state["q_even"], CONSTANT, rtol=1e-12)
+    assert 1.0 < sim.state["q_wave"].min() < sim.state["q_wave"].max() < 4.0
+
+
+def test_diffusion_of_tracers_does_not_depend_on_the_datum_of_the_bottom(mesh):
+    scene = with_tracers(make_scene(*FLOW, "viscosity"))
+    lower = replace(scene, bottom=lambda lon, lat: scene.bottom(lon, lat) - 5000.0)
+    blocks = rough(model := Model(mesh, scene))
+    expected, found = tendency(model, blocks), tendency(Model(mesh, lower), blocks)
+    np.testing.assert_allclose(found[3:], expected[3:], rtol=1e-8, atol=1e-10)
+
+
+def test_diffusion_of_tracers_over_a_bottom_is_not_linear():
+    scene = with_tracers(make_scene("wind", "viscosity"))
+    assert scene.linear
+    over = replace(scene, effects=(*scene.effects, Orography()), bottom=lambda lon, lat: 0.0 * lon)
+    assert not over.linear
 
 
 def test_settings_reach_the_tracers():

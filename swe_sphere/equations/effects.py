@@ -55,8 +55,7 @@ class Effect:
     are as accurate as the solver."""
 
     degree: ClassVar[int | None] = 1
-    """Degree of the rate of change as a polynomial of the state and its derivatives in space; None
-    if the rate is not a polynomial."""
+    """Degree of the rate as a polynomial of state and derivatives in space; None if it is none."""
 
     differentiable: ClassVar[bool] = True
     """True if the kernels contain the derivative of the effect with respect to the state."""
@@ -80,8 +79,9 @@ class Effect:
     def __post_init__(self) -> None:
         for name in self.strengths:
             value = getattr(self, name)
-            valid = isinstance(value, Real) and 0.0 <= float(value) < math.inf
-            if value is not None and not valid:
+            unset = value is None and getattr(type(self), name, None) is None
+            valid = isinstance(value, Real) and 0.0 <= value < math.inf  # type: ignore[operator]
+            if not (valid or unset):
                 label = f"{self.name}.{name}"
                 raise ConfigError(f"{label} must be finite and not negative, got {value}")
 
@@ -242,6 +242,11 @@ class Hyperviscosity(Effect):
     nu: float | None = None
     factor: float = 1.0
 
+    @property
+    def absent(self) -> bool:
+        """True if the coefficient is 0."""
+        return (self.factor if self.nu is None else self.nu) == 0.0
+
     def coefficients(self, mesh: Mesh) -> dict[str, float]:
         """Return ν [m4 s-1], by default that of the mesh."""
         if self.nu is not None:
@@ -301,12 +306,13 @@ def penalty_default(np: int) -> float:
 def hyperviscosity_default(
     ne: int, np: int, radius: float = EARTH.radius, refinement: float = 1.0
 ) -> float:
-    """Return the default hyperviscosity [m4 s-1] of a mesh; half the node spacing needs a tenth.
+    """Return the default hyperviscosity [m4 s-1]; on one planet half the spacing needs a tenth.
 
-    The default is one thirtieth of the rule of CAM-SE (ESCOMP/CAM, global_norms_mod, after Boville
-    1991 and Takahashi et al. 2006), 1e15 (a / 6.37122e6 m) (30 / ne)^(1 / log10 2) at np = 4. Other
-    np are compared at equal mean node spacing, which is proportional to 1 / (ne (np - 1)). On a
-    stretched mesh the coefficient is that of the finest spacing, everywhere.
+    On the Earth this is one thirtieth of the rule of CAM-SE (ESCOMP/CAM, global_norms_mod, after
+    Boville 1991 and Takahashi et al. 2006), 1e15 (30 / ne)^(1 / log10 2) at np = 4. Other np are
+    compared at equal mean node spacing, which is proportional to 1 / (ne (np - 1)). The cube of the
+    radius makes flows of equal Rossby and Froude numbers similar. On a stretched mesh the
+    coefficient is that of the finest spacing, everywhere.
 
     Args:
         ne: number of elements along the edge of a cube face.
@@ -315,7 +321,7 @@ def hyperviscosity_default(
         refinement: finest node spacing without stretching over that with stretching.
     """
     spacing = (30.0 * 3.0) / (ne * (np - 1) * refinement)
-    return float(1.0e15 / 30.0 * (radius / EARTH.radius) * spacing ** (1.0 / math.log10(2.0)))
+    return float(1.0e15 / 30.0 * (radius / EARTH.radius) ** 3 * spacing ** (1.0 / math.log10(2.0)))
 
 
 @dataclass(frozen=True)
@@ -442,7 +448,7 @@ class Relaxation(PointwiseEffect):
     time: float
 
     def __post_init__(self) -> None:
-        if not self.time > 0.0:
+        if not (isinstance(self.time, int | float) and self.time > 0.0):
             raise ConfigError(f"{self.name}.time must be positive, got {self.time}")
 
     @property

@@ -64,6 +64,8 @@ class Model(DiscreteScene):
         self.names = (*self.fluid, *(self.carried.names if self.carried else ()))
         """Names of the blocks (N,) of a state."""
         self.size = len(self.names) * self.device_mesh.size
+        if self.size >= 2**31:
+            raise ConfigError("a state has more than 2^31 numbers on one rank: take more ranks")
         if not (self.diffusive or self.penalised):  # steppers may apply those terms separately
             _ = self.tendency
 
@@ -229,7 +231,12 @@ class Model(DiscreteScene):
     @cached_property
     def diffusion_radius(self) -> float:
         """Largest damping rate of viscosity and hyperviscosity [s-1], the same for all states."""
-        return self._radius("diffusive", self.initial_state())
+        radius = self._radius("diffusive", self.initial_state())
+        if self.tracers is None or self.scene.effect("orography") is None:
+            return radius
+        # of tracers q (h + b) is diffused, which exceeds hq; the depth may fall during a run
+        _, _, h = (self.scene.base or self.scene.initial)(self.mesh.lon, self.mesh.lat)
+        return 1.25 * radius * float((1.0 + (self.bottom - self.bottom.min()) / h).max())
 
     @cached_property
     def penalty_radius(self) -> float:

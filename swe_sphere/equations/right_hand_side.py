@@ -97,7 +97,7 @@ class RightHandSide:
                     operator(x if source is None else source, out if target is None else target)
 
     def at_start(self, x: wp.array, out: wp.array) -> None:
-        """Evaluate at time 0 a component that is the same at all times."""
+        """Evaluate a component at time 0; only a prescribed wind makes it depend on the time."""
         self(x, 0.0, out)
 
 
@@ -204,7 +204,7 @@ def _read_around(formula: Callable[..., Any], *callers: Any) -> tuple[object, ..
     """Return the values outside of a formula and of its Warp functions that both read, by name."""
     around, known = inspect.getclosurevars(formula), (None, formula, *callers)
     return tuple(
-        (name, _read_around(value.func, formula, *callers))
+        (name, value.func.__code__, _read_around(value.func, formula, *callers))
         if isinstance(value, wp.Function) and value.func not in known
         else (name, type(value), str(value))
         for name, value in sorted({**around.globals, **around.nonlocals}.items())
@@ -227,4 +227,5 @@ def compiling_formulas(scene: Scene, point: Pointwise) -> Iterator[None]:
         where = "".join(f" ({Path(file).name}, line {line})" for file, line in places[-1:])
         raise ConfigError(
             f"{scene.name}: the formulas of {names} cannot be compiled: {cause.lstrip(';')}{where}"
+            " (a wind formula returns two rates, a depth formula one; constants are coefficients)"
         ) from error

@@ -79,8 +79,7 @@ class Scene:
         >>> abs(Simulation(drop, ne=3).run(days=0.25)["mass_drift"]) < 1e-14
         True
 
-    Raises ConfigError if the functions do not match the effects, a value is of the wrong type, or a
-    number is out of range.
+    Raises ConfigError if functions do not match effects, or a value has a wrong type or range.
     """
 
     name: str
@@ -148,6 +147,8 @@ class Scene:
         """True if the tendency is linear in the state, apart from a constant."""
         if self.base is not None:
             return True
+        if self.tracers and self.effect("orography") and any(e.diffuses for e in self.effects):
+            return False  # hq (1 + b/h) is smoothed
         return self.wind is not None and all(effect.degree == 1 for effect in self.effects)
 
     def effect(self, name: str) -> Effect | None:

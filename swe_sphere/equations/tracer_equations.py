@@ -103,7 +103,8 @@ class _Diffusion:
         self._dim, self._first, self._size = (count, mesh.size), tracers.first, mesh.size
         self._offsets = (tracers.depth, tracers.first, mesh.size)
         has_bottom = model.scene.effect("orography") is not None
-        self._bottom = mesh.scatter(model.bottom) if has_bottom else None
+        height = model.bottom - model.bottom.min()  # so that the datum of b makes no difference
+        self._bottom = mesh.scatter(height) if has_bottom else None
         self._raised, self._rate = (model.zeros(count * mesh.size) for _ in range(2))
         diffusion, biharmonic = terms.diffusion, terms.biharmonic
         self._of_field = Terms(wind=True, still=True, diffusion=diffusion, biharmonic=biharmonic)

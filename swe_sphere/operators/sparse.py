@@ -138,8 +138,7 @@ def column_squares(mesh: Mesh, weight: Array) -> Array:
 
     An off-diagonal entry of the gradient after DSS belongs to one line of nodes: a line through an
     element, or an edge, where the entries of the elements on its two sides add up. So entries can
-    be squared line by line, without the matrix; only the diagonal entries depend on all elements
-    around a node.
+    be squared line by line, without the matrix; diagonal entries depend on all elements of a node.
 
     `weight` has shape (N,); the unit of the result is that of `weight` per m2.
     """
