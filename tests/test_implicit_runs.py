@@ -61,7 +61,7 @@ def test_a_semi_implicit_run_has_a_limit_and_options_of_its_own():
     assert split["stable_dt"] > 1.5 * explicit["stable_dt"]
     assert "of the stability limit" in split["dt_rule"]
     assert split["tolerance"] == 1e-3 and split["krylov_iterations"] > 0
-    with pytest.raises(ConfigError, match=r"it has tolerance$"):
+    with pytest.raises(ConfigError, match=r"it has tolerance, strength, share$"):
         small(stepper="semi-implicit", preconditioner="none")
 
 
@@ -120,3 +120,48 @@ def test_a_solve_that_fails_ends_the_run_and_keeps_its_frames(tmp_path, monkeypa
     assert "\n" not in summary.reason
     assert RunFile(tmp_path / "a.nc").times.tolist() == [0.0, 7200.0, 14400.0]
     assert summary["rejected_steps"] >= 6
+
+
+@pytest.mark.parametrize(
+    ("before", "after"), [("helmholtz", "jacobian-direct"), ("jacobian-direct", "helmholtz")]
+)
+def test_a_restart_may_choose_another_preconditioner(tmp_path, before, after):
+    given = {"ne": 2, "np": 4, "stepper": "tr-bdf2", "dt": 3600.0}
+    Simulation("williamson6", preconditioner=before, **given).run(days=0.25, out=tmp_path / "a.nc")
+    sim = Simulation.from_checkpoint(tmp_path / "a.nc", preconditioner=after)
+    assert sim.run(days=0.5).status == "completed"
+    whole = Simulation("williamson6", preconditioner=after, **given)
+    whole.run(days=0.5)
+    np.testing.assert_allclose(sim.state.h, whole.state.h, rtol=3e-4)
+
+
+def test_a_step_that_fails_in_its_second_half_leaves_the_memory_of_bdf2(monkeypatch):
+    sim = Simulation("williamson6", ne=2, np=4, stepper="bdf2", dt=3600.0, days=1.0)
+    sim.begin()
+    sim.step()
+    sim.step()
+    kept, attempt = sim.stepper.state_dict(), type(sim.stepper).attempt
+
+    def failing(stepper, t, dt):
+        early = t + dt < 2.75 * 3600.0 and dt < 3600.0
+        return attempt(stepper, t, dt) if early else "made to fail"
+
+    monkeypatch.setattr(type(sim.stepper), "attempt", failing)
+    with pytest.raises(RunFailed, match="made to fail"):
+        sim.step()
+    found = sim.stepper.state_dict()
+    assert found.keys() == kept.keys()
+    for name, value in kept.items():
+        np.testing.assert_array_equal(found[name], value, err_msg=name)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("stepper", "dt", "worst"), [("sdirk3", 60.0, 0.4), ("rk4", 60.0, 0.1)])
+def test_short_steps_in_float32_accumulate_few_rounding_errors(stepper, dt, worst):
+    """The bounds [m] are those of docs/explanation/time_integration.md with a margin."""
+    given = {"ne": 4, "np": 4, "days": 2.0, "dt": dt}
+    exact = Simulation("williamson5", stepper="rk4", **given)
+    rounded = Simulation("williamson5", stepper=stepper, precision="float32", **given)
+    exact.run()
+    rounded.run()
+    assert np.abs(exact.state.h - rounded.state.h).max() < worst

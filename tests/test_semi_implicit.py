@@ -467,3 +467,20 @@ def test_the_coarsest_mesh_is_solved_to_rounding_errors(scene, stepper, dt) -> N
     """Flow at rest, whose waves are solved for to the last digit."""
     summary = Simulation(scene, ne=1, np=4, stepper=stepper, dt=dt, days=0.1).run()
     assert summary.status == "completed", summary.reason
+
+
+@pytest.mark.parametrize("stepper", ["leapfrog", "semi-implicit"])
+def test_both_steppers_have_the_options_of_the_filter(stepper: str) -> None:
+    given = {"ne": 2, "np": 4, "dt": 600.0, "days": 0.25, "stepper": stepper}
+    plain, weak, off = (
+        Simulation("williamson6", options={} if nu is None else {"strength": nu}, **given)
+        for nu in (None, 0.1, 0.0)
+    )
+    for sim in (plain, weak, off):
+        sim.run()
+    assert np.array_equal(plain.state.h, weak.state.h)
+    assert 1e-3 < np.abs(plain.state.h - off.state.h).max() < 10.0
+    assert type(off.stepper).order_in(off.model, strength=0.0) == 2
+    for option in ({"strength": -1.0}, {"share": -5.0}, {"share": 1e300}):
+        with pytest.raises(ConfigError, match="of the filter must be from 0 to 1"):
+            Simulation("williamson6", options=option, **given).run()

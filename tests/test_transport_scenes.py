@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import netCDF4
 import numpy as np
@@ -16,7 +17,7 @@ from swe_sphere.io.integrals import norms
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.simulation import run_scene
+from swe_sphere.simulation.simulation import Simulation, run_scene
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene
 
@@ -271,3 +272,18 @@ def test_an_effect_that_changes_the_depth_leaves_no_exact_tracers():
     changed = scene.with_effect(Relaxation(43200.0))
     assert (changed.exact, changed.exact_tracers) == (None, None)
     assert scene.without_effect("prescribed-wind").exact_tracers is None
+
+
+@pytest.mark.parametrize("stepper", ["forward-backward", "leapfrog"])
+def test_automatic_steps_know_the_strongest_wind_of_the_run(stepper: str) -> None:
+    """The wind begins at rest and reaches 40 m/s after a day."""
+
+    def wind(lon, lat, t):
+        return 40.0 * np.cos(lat) * np.sin(0.5 * np.pi * t / DAY), 0.0 * lat
+
+    scene = replace(
+        get_scene("deformational"), wind=wind, exact=None, exact_tracers=None, sheds_waves=False
+    )
+    sim = Simulation(scene, ne=16, np=4, stepper=stepper, days=1)
+    assert sim.stable_dt() < 3600.0
+    assert sim.run().status == "completed"

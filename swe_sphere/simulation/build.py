@@ -155,8 +155,7 @@ def shipped_solution(scene: Scene, days: float) -> Path | None:
 def check_mesh(config: RunConfig, scene: Scene) -> dict[str, Any]:
     """Return the arguments of `Mesh.build` by name, without building the mesh.
 
-    Raises ConfigError for a number out of range, and for a mesh that memory cannot hold or that has
-    too few elements for the ranks.
+    Raises ConfigError for numbers out of range, and a mesh too large for memory or small for ranks.
     """
     values: dict[str, Any] = {
         "ne": scene.ne if config.ne is None else config.ne,

@@ -159,8 +159,7 @@ class RunConfig(SharedConfig):
 
     The names are those of the flags (and of the keys of a `--config` file), with `_` for `-`,
     except for `settings`, which is `--set`, `as_json`, which is `--json`, and `outputs`, which a
-    file alone can give, as `[[output]]`. Scene, stepper, mesh and device are checked where they are
-    built.
+    file alone can give, as `[[output]]`. Scene, stepper, mesh and device are checked when built.
     """
 
     scene: str

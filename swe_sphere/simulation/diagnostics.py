@@ -282,8 +282,7 @@ def diagnostic(
         >>> del DIAGNOSTICS["jet"]
 
     Raises:
-        ConfigError: the name is no identifier or belongs to another value of files, or the function
-            cannot be called.
+        ConfigError: the name is no identifier or belongs to another value, or `function` is none.
     """
     if function is None:
         return partial(diagnostic, name=name, units=units, long_name=long_name)

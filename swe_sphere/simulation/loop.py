@@ -19,8 +19,7 @@ from swe_sphere.simulation.observers import Callback, HealthCheck, Observer, lab
 class Interruption:
     """Records the first stop signal in a block; a second one acts as it does outside the block.
 
-    The signals are SIGINT, SIGTERM, SIGHUP, and SIGUSR1, by which batch systems warn of the end of
-    a job.
+    The signals are SIGINT, SIGTERM, SIGHUP, and SIGUSR1, which batch systems send before the end.
 
     It has no effect outside the main thread, where Python delivers no signals. Ignored signals, as
     SIGHUP under nohup, stay ignored.
@@ -101,13 +100,15 @@ class Loop:
             for observer in self.observers:
                 is_end = steps == self.plan.steps and observer.sees_end
                 if is_end or notify(observer, "due", steps):
+                    may_change = _may_change_states(observer)
+                    before = self.sim.stepper.state.numpy().copy() if may_change else None
                     notify(observer, "observe", self.sim.snapshot)
                     if self.sim.steps != steps:
                         what = "has stepped, run or reset the simulation during its run"
                         raise RunFailed(f"{label(observer)} {what}: do so after the run")
-                    if _may_change_states(observer):
+                    if before is not None:
                         self.health.observe(self.sim.snapshot, observer)
-                        self.sim.release()  # its fields may be those before a change
+                        self.sim.accept_changes(before)
             if is_asked or self._is_asked_to_stop():
                 self._stop()
 

@@ -137,8 +137,7 @@ def time_plan(
     None: about a day.  dt: time step [s], which may be shortened a little.  also: further times [s]
     whose multiples fall on steps.  cycle: steps that are taken together; fewer: True if cycle is
     a maximum.  automatic: True if dt may be shortened as much as all these times require.  The last
-    steps are shorter where the end is no multiple of the others.  Raises ConfigError if no step
-    fits.
+    steps are shorter if the end is no multiple of the others.  Raises ConfigError if no step fits.
     """
     if days == 0.0:
         return RunPlan(dt, 0, 1, dt)
@@ -216,8 +215,7 @@ def led_plan(plan: RunPlan, done: int, now: float, also: Sequence[float] = ()) -
     """Return the plan of a new run as one that begins later, with the same end and frames.
 
     Steps of another length lead to the next frame or further time, unless the present time is on
-    the grid of the plan.  done, now: number of steps so far, and their time [s].  also: as in
-    `time_plan`.
+    the grid of the plan.  done, now: number and time [s] of steps so far.  also: as in `time_plan`.
     """
     end, long = plan.time(plan.steps), plan.cycle * plan.dt
     interval = plan.frame_steps * plan.dt

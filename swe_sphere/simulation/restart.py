@@ -64,8 +64,7 @@ def check_paths(config: RunConfig) -> None:
     """Check, before anything is computed, that the files of a run can be written.
 
     Raises ConfigError if a file to read is missing, a path is a folder, has no folder or cannot be
-    written to, a picture has an unknown ending, or an existing file would be replaced without
-    `overwrite`.
+    written to, a picture has an unknown ending, or a file would be replaced without `overwrite`.
     """
     for path in (config.restart, config.initial, config.reference, *config.trust):
         if path is not None and not path.exists():

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from functools import cached_property, partial, wraps
+from itertools import pairwise
 from pathlib import Path
 from threading import RLock
 from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack, cast
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.compiling import is_watched
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import (
@@ -93,7 +95,8 @@ Warn = Callable[[str], None]
 
 FAR = 1.05
 """A step longer than the stability limit by this factor causes a warning."""
-
+WIND_SAMPLES = 9
+"""Number of times of a run at which an unsteady prescribed wind may limit the step."""
 
 _LOCK = RLock()
 """Lock of all simulations, because threads share what Warp records and compiles."""
@@ -294,13 +297,18 @@ class Simulation(NotCopyable):
     def stable_dt(self) -> float:
         """Return the approximate stability limit at the initial state [s]; infinite without one.
 
-        Raises ConfigError if the stepper does not return a number.
+        With an automatic step and an unsteady prescribed wind it is the least at several times of
+        the run. Raises ConfigError if the stepper does not return a number.
         """
         if self._limit is None:
-            counted = dict(self.model.counters)
-            spectrum = self.kind.spectrum(self.model, self.model.initial_state())
+            counted, wind = dict(self.model.counters), self.scene.wind
+            changes = wind is not None and not self.scene.steady_wind and self.config.dt == "auto"
+            times = np.linspace(0.0, self.days * DAY, WIND_SAMPLES if changes else 1)
+            state, of = self.model.initial_state(), self.kind.spectrum
+            spectra = [of(self.model, state, t) for t in times.tolist()]
             self.model.counters.update(counted)  # the run does not count these evaluations
-            self._limit = planning.stability_limit(self.kind, spectrum)
+            limits = [planning.stability_limit(self.kind, each) for each in spectra]
+            self._limit = min(limits[0], min(limits) / self.kind.safety)  # which is for such growth
         return self._limit
 
     @cached_property
@@ -365,6 +373,14 @@ class Simulation(NotCopyable):
         self._make_stepper(dt, cycle).follow(old, now)
         self._spent = spent
         self._lengths.append((steps, now, dt))
+
+    def accept_changes(self, before: Array) -> None:
+        """Start the stepper again if its state is no longer `before` (n,), as a callback may do."""
+        stepper, now = self.stepper, self.time
+        self.release()  # its fields may be those before a change
+        if any(self.comm.gather_number(not np.array_equal(before, stepper.state.numpy()))):
+            self._lengths.append((self.steps, now, stepper.dt))
+            stepper.start(stepper.state, now)
 
     @property
     def _before(self) -> int:
@@ -682,8 +698,9 @@ class Simulation(NotCopyable):
                 numbers["reference"] = reference.path.name
         if (cuts := getattr(self._stepper, "cuts", None)) is not None:
             numbers["cuts"] = list(cuts)
-        if changes := self._lengths[1:]:
-            words = [f"{dt:.6g} s from day {now / DAY:.6g} on" for _, now, dt in changes]
+        changes = [(dt, now) for (*_, old), (_, now, dt) in pairwise(self._lengths) if dt != old]
+        if changes:
+            words = [f"{dt:.6g} s from day {now / DAY:.6g} on" for dt, now in changes]
             numbers["step_changes"] = words
         return replace(outcome, numbers=numbers)
 
@@ -866,8 +883,7 @@ def run_scene(
 ) -> Summary:
     """Run a scene; the summary states how the run ended, also where it stopped early.
 
-    observers: watch the run.  warn: called with each warning.  Raises ConfigError if the scene
-    cannot be run as requested.
+    observers: watch the run.  warn: called with each warning.  ConfigError if it cannot be run.
     """
     started = time.perf_counter()
     world().on_root(lambda: check_paths(config))

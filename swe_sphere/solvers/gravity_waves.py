@@ -2,8 +2,7 @@
 
 L(V, h) = (-g G h, -D(H V)): waves about rest under a level surface, H deep above the bottom, with
 the model's own discrete gradient and divergence after DSS, so that F - L conserves mass as F does.
-With D and G adjoint, S = I - tau^2 g D H G is symmetric in the inner product weighted by areas. The
-Coriolis force is explicit.
+D and G are adjoint: S = I - tau^2 g D H G is symmetric if weighted by areas. Coriolis is explicit.
 """
 
 import time

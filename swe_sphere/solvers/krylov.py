@@ -213,8 +213,7 @@ class ConjugateGradients(KrylovSolver):
     def _descend(self, p: LinearResult, goal: float) -> None:
         """Iterate from the stored residual until it is down to the goal, or fails.
 
-        Products are named by their vectors: r the residual, z = M r, w = A z, d the last direction
-        and s = A d.
+        Products are named by vectors: r the residual, z = M r, w = A z, d last direction, s = A d.
         """
         space, r, s, w, curvature = self.space, self._residual, self._product, self._image, 0.0
         precondition, noise, stack = p.precondition, NOISE * p.terms, self._stack

@@ -65,16 +65,16 @@ class AdaptiveSteps(Trajectory):
             raise ConfigError(
                 "adaptive: diffusion=apart has no error estimate: use diffusion=whole"
             )
-        if not (math.isfinite(tolerance) and tolerance > 0.0):
+        if not (least := 0.5 * scheme.space.epsilon) <= tolerance < math.inf:
             raise ConfigError(
-                f"adaptive: the tolerance must be positive and finite, got {tolerance}"
+                f"adaptive: the tolerance must be finite and at least {least:.1g}, got {tolerance}"
             )
         self.scheme, self._power = scheme, scheme.estimate_order
         self.name, self.order = scheme.name, scheme.order  # type: ignore[misc]
         super().__init__(scheme.model, scheme.dt)
         self.state, self.solver = scheme.state, scheme.solver
         self.counters["accepted_steps"] = 0
-        self._loosest = scheme.solver.loosest
+        self._largest_tolerance = scheme.solver.largest_tolerance
         self.tolerance = self._before = tolerance
         self.next_dt = 0.0
         """Length of the next step [s], if the outer step leaves room for it."""
@@ -119,7 +119,7 @@ class AdaptiveSteps(Trajectory):
         size = scheme.space.norm(self.state)
         change = dt * (solver.rate / size)
         needed = SOLVER * self.tolerance / change if change > 0.0 else math.inf
-        solver.loosest = min(self._loosest, needed)
+        solver.largest_tolerance = min(self._largest_tolerance, needed)
         if (fault := scheme.attempt(t, dt)) is not None:
             self._cut(t, dt, fault, MIN_RATIO, "try a finer mesh or more dissipation")
             return False
@@ -160,4 +160,5 @@ class AdaptiveSteps(Trajectory):
             raise ConfigError("the restart data are of a run with fixed steps: leave adaptive out")
         self.scheme.load_numbers(state, steps)
         self.origin, self.steps = float(state["origin"]), steps
-        self.next_dt, self._before = state["adaptive"].tolist()
+        self.next_dt, before = state["adaptive"].tolist()
+        self._before = min(before, self.tolerance)  # which may be stricter than that of before

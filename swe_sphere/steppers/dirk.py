@@ -9,7 +9,7 @@ import warp as wp
 from swe_sphere.errors import ConfigError
 from swe_sphere.steppers.implicit import ImplicitStepper
 from swe_sphere.steppers.stability import check_order, checked_tableau, error_constant
-from swe_sphere.steppers.stepper import Trajectory, read_methods
+from swe_sphere.steppers.stepper import read_methods
 
 EXPECTED = 0.3
 """Fraction of the last change of slope that the guess of BDF2 extrapolates.  Balanced (slow) flow
@@ -145,14 +145,9 @@ class BDF2(ImplicitStepper):
         self.previous, self._rhs = self.model.zeros(), self.model.zeros()
         self._starter = TRBDF2(self.model, self.dt, solver=self.solver)
 
-    def follow(self, earlier: Trajectory, t: float) -> None:
-        if self.dt > LARGEST_RATIO * earlier.dt:  # extrapolation would be unstable
-            self.start(earlier.state, t)
-        else:
-            super().follow(earlier, t)
-
     def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
-        if (before := self.solver.last_dt) == 0.0:
+        before = self.solver.last_dt
+        if before == 0.0 or dt > LARGEST_RATIO * before:  # extrapolation would be unstable
             starter = self._starter
             starter.start(self.state, t)
             self.solver.aim(starter.state, starter.error_constant, starter.order, dt)

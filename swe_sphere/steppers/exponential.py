@@ -291,7 +291,7 @@ class ExponentialMultistep(VariableStepper):
 
     def _propagate(self, length: float, dt: float, terms: int, out: wp.array) -> str | None:
         """Set out = state + the solution of the linear equations at `length`; return any fault."""
-        goal = max(self.solver.tolerance * self.solver.rate * dt, self.solver.worthless())
+        goal = max(self.solver.tolerance * self.solver.rate * dt, self.solver.residual_floor())
         result = self._krylov.solve(self._jacobian, terms, length, goal, out)
         self.counters["krylov_iterations"] += result.iterations
         self.counters["krylov_steps"] += result.steps

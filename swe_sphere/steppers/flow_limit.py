@@ -30,8 +30,7 @@ def strongest_advection(model: Model) -> float:
 
     A run of rk4 on a coarse mesh supplies it, scaled by the ratio of gravity-wave rates on the
     model's mesh and on the coarse one: the wind of williamson5 doubles in three days over its
-    mountain, which the initial state does not show. If this run becomes unstable, only its
-    earlier part counts.
+    mountain, which the initial state does not show. An unstable run counts until then.
     """
     mesh, scene = model.mesh, model.scene
     small = Mesh.build(

@@ -195,8 +195,7 @@ def level_weights(wind: float, mass: float, gamma: float) -> tuple[Triple, Tripl
 
     AB_b(q) = (3/2 + b) q - (1/2 + 2b) q- + b q--, with b `wind` for the wind and `mass` for the
     masses that it carries. The depth that accelerates the wind is delta h+ + (1 - delta - gamma) h
-    + gamma h-; second order requires delta = 1/2 + gamma; with wind = 1/3 - gamma waves at rest
-    would be of third order.
+    + gamma h-; second order requires delta = 1/2 + gamma (third: wind = 1/3 - gamma at rest).
     """
     winds, masses = ((1.5 + b, -0.5 - 2.0 * b, b) for b in (wind, mass))
     return winds, masses, (0.5 + gamma, 0.5 - 2.0 * gamma, gamma)

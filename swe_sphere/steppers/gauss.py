@@ -66,8 +66,7 @@ class ForwardElimination(Preconditioner):
 class CoupledStages(StageProblem):
     """X_i - x - dt sum_j a_ij F(X_j) = 0 for the pair of stages in one vector (2n,).
 
-    Jacobian products are exact, with a separate Jacobian for each stage, which keeps Newton
-    quadratic at any step.
+    Jacobian products are exact, with a Jacobian for each stage: Newton is quadratic at any step.
     """
 
     def __init__(self, model: Model, single: VectorSpace, preconditioner: str) -> None:
@@ -116,8 +115,7 @@ class GaussLegendre(ImplicitStepper):
     """Gauss-Legendre, two coupled stages: fourth order, symplectic, no damping.
 
     The step is consistent with the solved stages: x_new = x + sqrt(3) (X_2 - X_1), which is
-    x + dt/2 (K_1 + K_2) with the slopes that the stage equations imply.  The guess extrapolates the
-    slopes of the step before.
+    x + dt/2 (K_1 + K_2) with the slopes that the stages imply.  The guess extrapolates old slopes.
     """
 
     name, order = "gauss-legendre", 4

@@ -121,7 +121,7 @@ class NewtonStages(StageSolver):
             point = self.model.point_of_tangent(self.state)
             problem.precondition.update(point, self.prepared_for or tau)
         self.newton.rtol = self.tolerance
-        result = self.newton.solve(problem, x, tau * self.rate, self.worthless())
+        result = self.newton.solve(problem, x, tau * self.rate, self.residual_floor())
         self.counters["newton_iterations"] += result.newton_iterations
         self.counters["krylov_iterations"] += result.krylov_iterations
         if not result.converged:
@@ -194,18 +194,19 @@ class VariableStepper(Stepper):
 
         Raises SolverFailed, and restores the state, if the smallest fractions fail.
         """
-        done, parts, start = 0, 1, self.state
+        done, parts = 0, 1
         while done < parts:
             dt = self.dt / parts
             if (fault := self.attempt(self.time + done * dt, dt)) is None:
                 self.accept(dt)
                 done += 1
                 continue
-            start = wp.clone(self.state) if parts == 1 else start
+            if parts == 1:
+                restore = self.keep()
             self.counters["rejected_steps"] += 1
             done, parts = 2 * done, 2 * parts
             if parts > MOST_STEP_PARTS:
-                wp.copy(self.state, start)
+                restore()
                 raise SolverFailed(
                     f"{self.name}: the step from {self.time:.0f} s cannot be solved even in "
                     f"{parts // 2} parts: {fault}; choose a smaller --dt"

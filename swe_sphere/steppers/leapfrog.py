@@ -7,6 +7,7 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
+from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.vectors import leapfrog
 from swe_sphere.steppers.imex_runge_kutta import ARK2, ImexStepper
 from swe_sphere.steppers.runge_kutta import RK4
@@ -18,9 +19,8 @@ class Leapfrog(Stepper):
     """Leapfrog with Robert-Asselin-Williams filter: one right-hand side a step, started by rk4.
 
     Williams 2009 (doi:10.1175/2009MWR2724.1). Drag and relaxation are evaluated at the past level,
-    where they are stable; diffusion acts over the two steps from there. A filter other than the
-    default (strength 0: no filter) serves for comparison with other models at a given step:
-    `stable_dt` assumes the default.
+    where they are stable; diffusion acts over the two steps from there. Other filters (strength 0:
+    none) serve for comparison with other models: `stable_dt` assumes the default.
     """
 
     name, order = "leapfrog", 2
@@ -41,11 +41,21 @@ class Leapfrog(Stepper):
         self, model: Model, dt: float, strength: float | None = None, share: float | None = None
     ) -> None:
         super().__init__(model, dt)
-        strength = self.default_strength if strength is None else strength
-        self._filter = 0.5 * strength, self.default_share if share is None else share
+        self._set_filter(strength, share)
         self.previous, self._slope, self._part = (model.zeros() for _ in range(3))
         self._starter = self._make_starter(model)
         (self._kernel,) = model.launch.compile(model.device_mesh.real, leapfrog)
+
+    def _set_filter(self, strength: float | None, share: float | None) -> None:
+        """Set strength and share of the filter; ConfigError unless both are from 0 to 1."""
+        strength = self.default_strength if strength is None else strength
+        share = self.default_share if share is None else share
+        if not (0.0 <= strength <= 1.0 and 0.0 <= share <= 1.0):
+            raise ConfigError(
+                f"{self.name}: strength and share of the filter must be from 0 to 1, got"
+                f" {strength:g} and {share:g}"
+            )
+        self._filter = 0.5 * strength, share
 
     def _make_starter(self, model: Model) -> Stepper:
         """Build the stepper that takes the first step."""
@@ -96,14 +106,20 @@ class SemiImplicit(ImexStepper, Leapfrog):
     (I - dt L) x+ = x- + 2 dt [F(x) - L x] + dt L x- (Robert 1969; Hoskins & Simmons 1975,
     doi:10.1002/qj.49710142918), solved for the change x+ - x-: its right-hand side is 2 dt [F(x) +
     L (x- - x)], and the previous change is the guess. Diffusion is added to the right-hand side.
-    The first step uses ARK2. With the default tolerance the solver adds a hundredth of the error in
-    time in williamson5 after 5 days.
+    The first step uses ARK2. With the default tolerance the solver adds a hundredth of the error.
     """
 
     name = "semi-implicit"
     memory = "state", "previous", "guess"  # `guess` is the last change of depth
     default_tolerance = 1e-2
     error_constant = 1.0 / 6.0  # leapfrog's, dt^3/3 of the third derivative, of a change of 2 dt
+
+    def __init__(
+        self, model: Model, dt: float, tolerance: float | None = None,
+        strength: float | None = None, share: float | None = None,
+    ) -> None:  # fmt: skip
+        super().__init__(model, dt, tolerance)
+        self._set_filter(strength, share)
 
     def allocate(self) -> None:
         self._change, self._difference = self.model.zeros(), self.model.zeros()

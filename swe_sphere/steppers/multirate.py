@@ -33,11 +33,9 @@ class InfinitesimalStep(FlowLimitStepper):
     + [sum_j gamma_ij D_j / dt + sum_j beta_ij (F - L)(x + D_j)] / d_i from sum_j alpha_ij D_j after
     the time d_i dt, d_i = sum_j beta_ij. L are the gravity waves on a fluid at rest that is as deep
     as x. L is linear: the term subtracted from F is L of the mean of the D_j with the weights
-    beta_ij / d_i, and Z is relative to that mean. Without gravity waves the method is a Runge-Kutta
-    method.
+    beta_ij / d_i, and Z is relative to that mean. Without gravity waves it is Runge-Kutta.
 
-    `substeps`: the least number of sub-steps in a step; 0: as many as the waves need. Raises
-    ConfigError if it is negative.
+    `substeps`: least number of sub-steps in a step, not negative; 0: as many as the waves need.
     """
 
     alpha: ClassVar[Rows]

@@ -23,7 +23,7 @@ TRACER_SHARE = 0.1
 carries has the same weight as the change of the wind."""
 NOTHING = 1e-60
 """Weight that counts as none, because weights must be positive."""
-WORTHLESS = 0.3
+RESIDUAL_FLOOR = 0.1
 """Residuals below this many round-offs of the state justify one iteration, not two: rounding alone
 causes as much.  A larger number would let them accumulate in float32 with short steps."""
 
@@ -113,8 +113,7 @@ class StageSolver(Motion):
     """A solver of stages whose residuals are below the truncation error of a step.
 
     `tolerance`: largest residual, relative to the change over a step; the target is a fraction of
-    the estimated truncation error, if that is smaller (see `Motion`). Raises ConfigError for a
-    tolerance out of range.
+    the estimated truncation error, if smaller (see `Motion`). ConfigError for one out of range.
     """
 
     def __init__(self, model: Model, tolerance: float) -> None:
@@ -122,7 +121,7 @@ class StageSolver(Motion):
             raise ConfigError(f"the solver tolerance must be in [0, 1), got {tolerance}")
         super().__init__(VectorSpace(energy_weights(model), mesh=model.device_mesh))
         self.model = model
-        self.loosest = tolerance
+        self.largest_tolerance = tolerance
         """Largest residual that a solve may leave, relative to the change over a step."""
         self.tolerance = tolerance
         """Residual of the solves of the present step, relative to the change over it."""
@@ -154,15 +153,15 @@ class StageSolver(Motion):
         error_constant: C in the truncation error C dt^(order + 1) d^(order + 1)x/dt^(order + 1).
         """
         self.state = state
-        self.tolerance = min(self.loosest, self.truncation(error_constant, order, dt))
+        self.tolerance = min(self.largest_tolerance, self.truncation(error_constant, order, dt))
 
     def reject(self) -> None:
         """Discard the results of the solves of the present step."""
 
-    def worthless(self) -> float:
+    def residual_floor(self) -> float:
         """Return the residual that justifies one iteration, not two; 0 if the tolerance is 0."""
-        least = WORTHLESS * self.space.epsilon * self.space.norm(self.state)
-        return least if self.loosest > 0.0 else 0.0
+        least = RESIDUAL_FLOOR * self.space.epsilon * self.space.norm(self.state)
+        return least if self.largest_tolerance > 0.0 else 0.0
 
     def fault(self, state: wp.array) -> str | None:
         """Return the fault of a new state, if any: gravity waves require a positive depth."""
@@ -170,7 +169,8 @@ class StageSolver(Motion):
             return None
         end = self.model.fluid_size
         lowest = self.space.lowest(state, end - self.model.device_mesh.size, end)
-        return None if lowest > 0.0 else f"the depth falls to {lowest:.3g} m"
+        falls = "is not a number" if math.isinf(lowest) else f"falls to {lowest:.3g} m"
+        return None if lowest > 0.0 else f"the depth {falls}"
 
 
 class WaveSolver(StageSolver):

@@ -1,7 +1,6 @@
 """Coarse correction on the element vertices: one solve for each family of waves, added up.
 
-Each rank holds the coarse functions of its elements, and a ring of others around, whose values
-ranks exchange after every sweep.
+Each rank holds the functions of its elements and a ring around, exchanged after every sweep.
 """
 
 from __future__ import annotations  # scipy.sparse is loaded where it is used

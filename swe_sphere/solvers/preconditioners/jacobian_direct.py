@@ -21,8 +21,7 @@ class JacobianDirect(KeptSetup):
     """(I - tau J)^-1 by sparse LU on the host, in float32, J found by probing.
 
     J excludes viscosity, hyperviscosity and edge penalty. It is nearly skew in the energy norm, so
-    that I - tau J needs no pivots, and nodes in the order of nested dissection keep the factors
-    small.
+    that I - tau J needs no pivots, and nodes in the order of nested dissection give small factors.
     """
 
     name = "jacobian-direct"

@@ -124,9 +124,11 @@ class KeptSetup(Preconditioner):
         return {"setup_tau": np.array(self._tau), "setup_flow": self._flow.copy()}
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
-        self._tau = float(state.get("setup_tau", np.zeros(())))
-        if self._tau > 0.0:
-            self._make(self._tau, np.array(state["setup_flow"]))
+        tau, flow = float(state.get("setup_tau", 0.0)), np.array(state.get("setup_flow", ()))
+        blocks = self._model.fluid_size // self._model.device_mesh.size - self.first
+        self._tau = 0.0
+        if tau > 0.0 and flow.size == blocks * self._model.mesh.size:  # not of another class
+            self._make(tau, flow)
 
     def _make(self, tau: float, flow: Array) -> None:
         start = time.perf_counter()
