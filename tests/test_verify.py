@@ -248,6 +248,9 @@ def test_an_order_is_per_doubling_of_elements_degree_or_steps(along: str, values
         found = Measure(fingerprint="", reason="", name="a", status="completed", numbers=numbers)
         row = Row(Case(name="a", run=run, along=along), found, row)
     assert row.quantities["order"] == pytest.approx(3.0)
+    if along == "ne":  # refined in ne and np, an error has no order
+        both = row.case.model_copy(update={"run": row.case.run | {"ne": 8, "np": 6}})
+        assert "order" not in Row(both, found, row).quantities
 
 
 def test_a_run_that_stops_fails_and_says_why(easy) -> None:

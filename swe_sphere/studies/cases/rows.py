@@ -44,6 +44,8 @@ class Row:
         numbers = {n: math.nan if x is None else x for n, x in self.measure.numbers.items()}
         if self.before is None or self.before._fineness == self._fineness:
             return numbers
+        if self.case.along == "ne" and self.before.config.np != self.config.np:
+            return numbers  # refined in two ways
         ratio = math.log(self._fineness / self.before._fineness)
         old, new = self.before.measure.numbers, self.measure.numbers
         orders = {
