@@ -84,8 +84,7 @@ def sweep(
 
     The `values` of group g are entries k from at[g] to at[g + 1]; entry k multiplies the register
     at flat_d[begin[k]], where flat_d is d as a flat array. Vectors have one register per group. The
-    step is r -= M d, after = keep d + take r/diagonal, x = before + beta after; `after` and d must
-    be different arrays.
+    step is r -= M d, after = keep d + take r/diagonal, x = before + beta after; `after` is not d.
     """
     g = wp.tid()
     residual = r[g] - runs_sum(at, begin, values, flat_d, g)

@@ -38,8 +38,7 @@ def source(name: str, **given: object) -> str:
 class Register:
     """A register of `lanes` numbers of the type `real`, or a plain number if `lanes` is 1.
 
-    whole: True if products are computed in whole registers, which is slower for numbers that were
-    gathered lane by lane.
+    whole: True if products use whole registers, slower for numbers that were gathered one by one.
     """
 
     real: Any
@@ -157,8 +156,7 @@ if TYPE_CHECKING:  # annotations of what Warp compiles are Warp types
 else:
     OPTIONS = {"module": "unique", "enable_backward": False, "module_options": {"max_unroll": 1}}
     """Options of all kernels.  Unrolled loops would take long to compile.  Compiler flags stay at
-    their defaults, because each set of flags requires another compilation of Warp's headers, which
-    takes seconds."""
+    their defaults: each set of flags compiles Warp's headers again, which takes seconds."""
 
     def func(f: Any) -> Template:
         """Turn the decorated Python function into a device function."""

@@ -135,8 +135,7 @@ def run_kernels(unknowns: int, point: Pointwise, damped: bool) -> tuple[Any, Any
 def combine_levels_kernel(shifted: bool) -> Any:
     """Return the kernel (first, now, past, older, weights, base, out) that combines time levels.
 
-    The kernel stores the weighted sum of the levels in `out` from the offset `first` on, less
-    `base` if `shifted`.
+    The kernel stores the weighted sum, less `base` if `shifted`, in `out` from offset `first` on.
     """
 
     @kernel

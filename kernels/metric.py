@@ -6,8 +6,7 @@ gradient require only the adjugate of a, hence no division (formulas: Taylor & F
 doi:10.1016/j.jcp.2010.04.008, section 4).
 
 The functions apply to node n of element e, with plain numbers or SIMD registers. `basis` (groups,
-np*np, 4) holds a[1, 1], a[1, 2], a[2, 1] and a[2, 2] [m]; d1 and d2 are derivatives along the
-reference coordinates.
+np*np, 4) holds a[1, 1], a[1, 2], a[2, 1], a[2, 2] [m]; d1, d2: derivatives in the element.
 """
 
 import warp as wp

@@ -2,8 +2,7 @@
 
 Each thread computes the rows to differentiate at its own node, then sums the rows of the element's
 other threads along the two lines of nodes through its node. A weak Laplacian needs two nested line
-sums: a first kernel writes the fluxes of every node, and the tendency kernel computes their weak
-divergence.
+sums: a first kernel writes the fluxes of all nodes, the tendency kernel their weak divergence.
 """
 
 from typing import Any

@@ -48,8 +48,7 @@ def tree(nodes: wp.array2d(dtype=wp.int32), whole: int, sums: wp.array2d(dtype=w
 
     nodes: (n, 2), the first leaf and the number of leaves of each row. Two neighbours that are the
     halves of a branch merge into that branch, and the remaining rows move to the front. `whole`: 1
-    if the rows cover all leaves of the tree; the last row is then added to the row before it until
-    one row remains.
+    if the rows cover all leaves; the last one is then added to the one before it until one remains.
     """
     add_up(nodes, whole, sums)
 

@@ -42,8 +42,7 @@ def with_flags(
     """Give a command `f(**values)` a flag for each field of the model.
 
     argument: field that becomes a positional argument, if any; without: fields without a flag. The
-    command keeps its other parameters; missing flags are None, and the descriptions of the fields
-    are the help.
+    command keeps its other parameters; missing flags are None; descriptions of fields are the help.
     """
 
     def give(function: F) -> F:

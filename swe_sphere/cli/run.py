@@ -139,8 +139,7 @@ def _show_summary(summary: Summary, config: RunConfig) -> None:
 def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
     """Run the command line `arguments` in processes of mpiexec; return their exit status.
 
-    Raises ConfigError if MPI is missing, the memory is too small for so many processes, or a mesh
-    of that ne has too few elements.
+    Raises ConfigError if MPI or memory for so many processes is missing, or elements are too few.
     """
     if ranks < 1:
         raise ConfigError(f"ranks={ranks}: give a number of processes, at least 1")

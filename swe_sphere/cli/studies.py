@@ -124,8 +124,7 @@ def _run(context: typer.Context, folder: str, cases: Sequence[Case], describe: D
 def _page_file(out: Path, folder: str, quick: bool, words: Sequence[str]) -> Path:
     """Return the file of the page, checked before anything is run.
 
-    words: first words of the command for a page of chosen cases, which does not replace a full
-    page.
+    words: first words of the command for a page of chosen cases, which replaces no full page.
     """
     from swe_sphere.studies.pages import check_ours
 

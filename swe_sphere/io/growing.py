@@ -6,8 +6,7 @@ write of four bytes: a kill before this write adds nothing, and a kill after it 
 Records (frames) follow each other at the end of the file. A second dimension, that of the series,
 grows in the same way into the space that its variables received when the file was created.
 
-Format: "NetCDF Classic and 64-bit Offset File Formats", NASA ESDS-RFC-011v2.0, with offsets of 64
-bits.
+Format: "NetCDF Classic and 64-bit Offset File Formats", NASA ESDS-RFC-011v2.0, 64-bit offsets.
 
 In Zarr stores (zarr-specs.readthedocs.io, version 2) each frame of each variable is one chunk. The
 consolidated metadata, a single file that is replaced atomically, contain the length of every
@@ -59,8 +58,7 @@ def check_zarr(path: Path) -> None:
 class GrowingOutput:
     """A file or folder that grows, built under a temporary name until it is put in place.
 
-    place: its final path; folder: True for a folder. Raises ConfigError if another program is
-    writing there.
+    place: its final path; folder: True for a folder. ConfigError if another program writes there.
     """
 
     def __init__(self, place: Path, folder: bool = False) -> None:
@@ -250,8 +248,7 @@ class GrowingStore(GrowingOutput):
         """Write `count` numbers or rows of each variable, the first one at index `begin`.
 
         The metadata of the arrays come from the consolidated ones. `resize` overrides any length of
-        an array that an earlier, failed write changed. Raises ValueError for values that do not
-        fit.
+        an array that an earlier, failed write changed. Raises ValueError if values do not fit.
         """
         import zarr
 

@@ -82,8 +82,7 @@ class Mesh:
 
         radius [m]; centre = (lon, lat) [degrees] is the position of the centre of cube face 0; spin
         [degrees] rotates the cube anticlockwise about that point; stretch is the factor by which
-        the mesh is refined there (and coarsened at the antipode). Raises ConfigError for a number
-        out of range.
+        the mesh is finer there (coarser at the antipode). Raises ConfigError if out of range.
         """
         ne, np, placement = check_settings(ne, np, radius, stretch, centre, spin)
         return _assemble(ne, np, float(radius), placement)

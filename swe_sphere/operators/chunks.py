@@ -69,8 +69,7 @@ class Chunks:
 def branches(first: int, behind: int) -> NDArray[np.int64]:
     """Return (n, 2) first leaves and sizes of the largest whole branches of a binary tree.
 
-    The branches cover the leaves from `first` to before `behind`; a branch of 2^k leaves begins at
-    a multiple of 2^k.
+    They cover leaves from `first` to before `behind`; one of 2^k begins at a multiple of 2^k.
     """
     found: list[tuple[int, int]] = []
     while first < behind:

@@ -304,8 +304,7 @@ class DeviceMesh(NotCopyable):
         """Return a function that launches a kernel over the nodes from `begin` on, or over `spans`.
 
         A thread processes `lanes` numbers, by default those of a register, or one in the remainder
-        of a span. The first argument of the kernel is its first number; the function accepts the
-        other arguments.
+        of a span. The first argument of the kernel is its first number; callers give the others.
         """
         runs, lanes = [], lanes or self.lanes
         for span in spans or self.spans(begin):

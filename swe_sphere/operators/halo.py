@@ -20,8 +20,7 @@ Positions = Mapping[int, NDArray[Any]]
 class Buffer:
     """Contiguous copy of the numbers at fixed positions of an array (n,), in memory MPI can read.
 
-    Numbers of a GPU are copied through pinned host memory unless MPI can read the memory of the
-    GPU.
+    Numbers of a GPU are copied through pinned host memory unless MPI can read GPU memory.
     """
 
     def __init__(self, launch: Launcher, array: wp.array, positions: Positions) -> None:

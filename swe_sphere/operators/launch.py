@@ -66,8 +66,7 @@ class Launcher(NotCopyable):
     """Launches kernels on one device through recorded commands.
 
     A plain `wp.launch` costs about as much as the whole right-hand side of a small mesh; a recorded
-    one a fifth of it. Commands are stored by kernel and arguments (arrays by address), which
-    steppers reuse all the time.
+    one a fifth of it. Commands are stored by kernel and arguments (arrays by address).
     """
 
     def __init__(self, device: str, comm: Communicator | None = None, nodes: int = 1) -> None:

@@ -22,8 +22,7 @@ class Replay:
     time, and from then on it only launches the recording. `launch` and `record` do the same for the
     block of a `with` statement. The block must make the same launches every time that the key is
     the same. The key must contain the addresses of all arrays of the caller; all other arrays must
-    live as long as the replay. Replays inside the block only run their blocks: these launches
-    belong to the outer recording.
+    live as long as the replay. Replays inside the block run their blocks, as parts of this one.
     """
 
     def __init__(self, launch: Launcher, counters: dict[str, float] | None = None) -> None:

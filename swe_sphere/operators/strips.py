@@ -28,8 +28,7 @@ NODES = 4096
 class Strips:
     """The threads of each strip, in launches over groups of elements and over nodes.
 
-    Strips of elements and of nodes begin at multiples of BLOCK, with the same nodes in all number
-    types.
+    Strips of elements and nodes begin at multiples of BLOCK, at the same nodes in all number types.
     """
 
     def __init__(self, part: MeshPart, lanes: int) -> None:

@@ -96,8 +96,7 @@ def draw_state(
     field, look: as for `plot_file`. time: the frame [s]; None for the last. ax: axes of cartopy,
     which keep projection, extent and title; None for a new figure with titles and a caption.
 
-    Raises ConfigError for a missing field, for axes that are not of cartopy, and for a projection
-    or region beside axes.
+    Raises ConfigError for a missing field, axes of another library, or a projection beside axes.
     """
     look, field = look or Look(), check_field(field or default_field(state), state.about)
     if not (within := ax is not None):

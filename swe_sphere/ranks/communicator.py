@@ -209,8 +209,7 @@ def _end_with(parent: int) -> None:
 def world() -> Communicator:
     """Return the communicator of this process and the other ranks.
 
-    Raises ConfigError if the process was started as one of several and mpi4py is missing, or
-    belongs to another MPI.
+    Raises ConfigError if it is one of several processes and mpi4py is missing or of another MPI.
     """
     started = started_ranks()
     if started is None:

@@ -147,8 +147,7 @@ def write_report(
 
     datasets: what `sweep` returns, or several by name: a section each.
     recipe: recipe of the sweeps; its texts are shown, and README.md is written too.
-    Returns the path of index.html.  Raises ConfigError if a dataset is not one of a sweep, and the
-    errors of `write_made`.
+    Returns the path of index.html.  Raises ConfigError for other datasets, and as `write_made`.
     """
     sections, notes = read_sections(datasets), recipe.notes if recipe else {}
     title = recipe.title if recipe else sections[0].dataset.attrs.get("title")

@@ -40,8 +40,7 @@ FAILED = ("unstable", "solver-failed")
 ANSWERED = {"slow": ("vorticity", "h", "v"), "total": ("h", "v", "vorticity"),
             "time": ("h", "v", "vorticity")}  # fmt: skip
 """Kinds of error in the order of preference, each with the fields that steppers are ranked by: the
-first available one. Depth does not rank where the initial state sheds gravity waves, which long
-steps damp."""
+first available one. Depth does not rank if the initial state sheds waves, which long steps damp."""
 BEST, TIE = "★ ", "≈ "
 """Marks of the cheapest run for a target, and of runs that cannot be distinguished from it."""
 

@@ -241,8 +241,7 @@ class Runner:
     ) -> RunRecord:
         """Return the record of a run, which is performed unless its record is known.
 
-        evaluate: computes its errors. Raises Interrupted if the user asked to stop, and RunFailed
-        if the record cannot be written.
+        evaluate: computes its errors. Raises Interrupted on request, RunFailed if the disk fails.
         """
         record = self.known(spec, repeat)
         if record is None:
@@ -321,8 +320,7 @@ class Evaluator:
 
         A second run with twice the step yields the time errors of both runs by Richardson
         extrapolation; the records of both runs contain these errors and total errors. In a new
-        folder steps are halved until the errors of a search are resolved; later all errors are
-        relative to the same run.
+        folder steps are halved until the errors of a search are resolved; the reference then stays.
         """
         key = (space.mesh.ne, space.mesh.np)
         if key not in self._converged:

@@ -81,8 +81,7 @@ def dt_sequence(
     """Return steps [s] for a stepper, the longest first, if the user names none.
 
     usable: safe fraction of the stability limit [s], infinite if there is none; explicit: True if
-    gravity waves set that limit; gravity: limit [s] of leapfrog; longest: no step is longer [s];
-    levels: number of steps.
+    gravity waves set it; gravity: limit [s] of leapfrog; longest: longest step [s]; levels: count.
     """
     top = min(usable, LONGEST_IMPLICIT * gravity, longest)
     bottom = min(gravity if math.isfinite(usable) else SHORTEST_IMPLICIT * gravity, top)
@@ -220,8 +219,7 @@ class Discretisation:
     def limits(self) -> dict[str, float]:
         """Return the steps [s] that the initial state permits.
 
-        gravity_limit: leapfrog's without filter, 1 over the spectral radius; advective_limit: the
-        same without gravity waves.
+        gravity_limit: of leapfrog, 1 over the spectral radius; advective_limit: without such waves.
         """
         gravity = self.sim.gravity_limit
         at_start, _ = self.sim.initial_numbers

@@ -138,8 +138,7 @@ class SweepPlan(SharedConfig):
 def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> SweepPlan:
     """Return the plan of these values, checked as far as possible without computing.
 
-    scene: one that replaces the named one. Raises ConfigError for an unknown name or an unfit
-    value, in one line that names it.
+    scene: one that replaces the named one. Raises ConfigError for an unknown name or unfit value.
     """
     plan = validate(SweepPlan, values)
     _check_options(plan)
@@ -236,8 +235,7 @@ def load_recipe(name: str) -> Recipe:
     A file has a `title`, perhaps an `introduction`, keys that all sweeps share, and for each a
     table [[sweep]], perhaps with a `note`; or just the keys of one sweep. Sweeps of one scene share
     a folder unless their `name` differs. A table [sweep.each] with lists by key makes a sweep of
-    every combination, whose values are appended to the name. Raises ConfigError if there is no such
-    recipe or it cannot be read.
+    every combination, whose values are appended to the name. ConfigError if it cannot be read.
     """
     path = Path(name)
     if path.suffix != ".toml":
