@@ -38,7 +38,8 @@ def race() -> Section:
     rows += _race_on("ne16 np4, stretched 4", stretched, refined)
     return Section(
         "williamson5, 15 days: what accuracy costs in time",
-        "Explicit steppers run at 0.85 of their stability limit. The gravity limit is that of "
+        "The run with the least CPU time of three, made in turns. Explicit steppers run at 0.85 of "
+        "their stability limit. The gravity limit is that of "
         "leapfrog without filter, 1/ρ. The column \"near the mountain\" covers 30° around it. "
         "Right-hand-side equivalents are CPU time over that of one right-hand side, measured "
         "before and after the run.",
@@ -55,19 +56,31 @@ def _race_on(label: str, mesh: Mesh, implicit: list[tuple[str, float]]) -> list[
     explicit = [
         (name, 0.85 * get_stepper(name).stable_dt(Spectrum(wave))) for name in ("rk4", "leapfrog")
     ]
+    cases = [(name, DAYS * DAY / np.ceil(DAYS * DAY / dt)) for name, dt in explicit + implicit]
+    rounds = [[_attempt(mesh, name, dt) for name, dt in cases] for _ in range(ROUNDS)]
     rows, rk4 = [], 0.0
-    for name, dt in explicit + implicit:
-        dt = DAYS * DAY / np.ceil(DAYS * DAY / dt)
+    for (name, dt), *results in zip(cases, *rounds, strict=True):
         head = [label, name, f"{dt:.0f}", f"{dt * wave:.1f}"]
-        try:
-            result = run("williamson5", mesh, name, dt, DAYS)
-        except RunFailed as failure:
-            rows.append([*head, str(failure).split(":")[0] + " failed", *[""] * 8])
+        done = [each for each in results if isinstance(each, Run)]
+        if not done:
+            rows.append([*head, f"{results[0]} failed", *[""] * 8])
             continue
+        result = min(done, key=lambda each: each.sim.cpu_seconds)
         rk4 = rk4 or result.sim.cpu_seconds
         rows.append([*head, *_outcome(result, rk4)])
-        print(*rows[-1], sep=" | ", flush=True)  # noqa: T201 - a run takes a while
     return rows
+
+
+ROUNDS = 3
+"""Number of runs of each case; the least CPU time counts."""
+
+
+def _attempt(mesh: Mesh, name: str, dt: float) -> Run | str:
+    """Return a run of williamson5, or why it failed."""
+    try:
+        return run("williamson5", mesh, name, dt, DAYS)
+    except RunFailed as failure:
+        return str(failure).split(":")[0]
 
 
 def _outcome(result: Run, rk4: float) -> list[str]:
@@ -112,7 +125,7 @@ def drift_figure(drifts: dict[str, list[float]], out: Path) -> None:
     mpl.rcParams["svg.hashsalt"] = "swe_sphere"
     figure = Figure(figsize=(8.0, 4.8), layout="constrained")
     axes = figure.subplots()
-    for (name, values), marker in zip(drifts.items(), "ov^<>sDPX*", strict=True):
+    for (name, values), marker in zip(drifts.items(), "ov^<>sDPX", strict=True):
         days = np.arange(1, len(values) + 1)
         axes.semilogy(days, np.abs(values), marker=marker, markersize=4, label=name)
     axes.set(xlabel="day", ylabel="|E(t) - E(0)| / E(0)", title="williamson5, ne8 np4, Δt = 1 h")
