@@ -85,7 +85,7 @@ def finish_rates(t: KernelTypes, fields: int) -> Finish:
     """Return the `Finish` that stores the rates of `fields` fields, with pointwise terms added."""
     assert t.point is not None
     add, leave, some, whole = t.point.add, leave_of(fields), rows(fields), t.terms.unknowns
-    poisson = t.terms.poisson
+    skew = t.terms.skew
 
     @func
     def finish(geo: geometry, x: vector, r: some, k: int, node: int, done: vector):
@@ -93,7 +93,7 @@ def finish_rates(t: KernelTypes, fields: int) -> Finish:
         rate = some()
         for i in range(fields):
             rate[i] = mul(scale, r[i])
-        if wp.static(fields == whole and poisson):
+        if wp.static(fields == whole and skew):
             rate = add(geo.point, node, geo.size, geo.base, rate)
         elif wp.static(fields == whole):
             rate = add(geo.point, node, geo.size, x, rate)

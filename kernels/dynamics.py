@@ -137,7 +137,7 @@ def skew(terms: Terms) -> Formula:
     """Return the formula of -zeta k x Vb - grad B and -div(hb Vb).
 
     zeta is the vorticity of the wind of x, and B is the field that x stores in place of its depth.
-    Vb and hb are wind and depth of the state a. See `Terms.poisson`.
+    Vb and hb are wind and depth of the state a. See `Terms.skew`.
     """
     winds, wind = winds_at(own=True, base=True)
     kind, parts, rates = _equations(terms, curls=1)

@@ -154,7 +154,7 @@ def chebyshev(
 
 @kernel
 def substituted(
-    begin: int, places: Places, of_own: Numbers, inverse_area: vector, same: vector, cross: vector,
+    begin: int, places: Places, place: Numbers, inverse_area: vector, same: vector, cross: vector,
     size: int, east: vector, north: vector, h: vector, r: state, tau_g: real, out: state,
 ):  # fmt: skip
     """Store the wind that follows from the depth, and the depth."""
@@ -166,7 +166,7 @@ def substituted(
     c = cross[node]
     out[node] = given(s * u + c * v)
     out[size + node] = given(s * v - c * u)
-    out[2 * size + node] = given(h[of_own[node]])
+    out[2 * size + node] = given(h[place[node]])
 
 
 @kernel
@@ -179,7 +179,7 @@ def spread(begin: int, node: nodes, x: state, out: local):
 
 
 @kernel
-def collect(begin: int, of_own: Numbers, flat: vector, out: state):
+def collect(begin: int, place: Numbers, flat: vector, out: state):
     """Copy a field to a nodal vector (N,)."""
     node = begin + wp.tid()
-    out[node] = given(flat[of_own[node]])
+    out[node] = given(flat[place[node]])

@@ -115,6 +115,6 @@ def _formula(terms: Terms) -> Formula | None:
         return None
     if terms.wind:
         return transport()
-    if terms.poisson:
+    if terms.skew:
         return skew(terms)
     return tangent(terms) if terms.tangent else state(terms)

@@ -26,7 +26,7 @@ class Terms:
     * `diffusion`: weak Laplacian of the state, times the coefficient `nu`.
     * `biharmonic`: weak Laplacian of a given Laplacian (`laplacian` array), times minus `nu4`.
     * `still`: with a prescribed wind, diffusion alone.
-    * `poisson`: the skew form. The vorticity of the state turns the wind of `base`, which carries
+    * `skew`: the skew form. The vorticity of the state turns the wind of `base`, which carries
       the depth of `base`; the state stores the Bernoulli function in place of depth.
     * `tangent`: the exact derivative of all of these at the state `base`, applied to a direction.
     * `momentum`: the momentum equation alone, with two fields as its result.
@@ -42,7 +42,7 @@ class Terms:
     biharmonic: bool = False
     tangent: bool = False
     still: bool = False
-    poisson: bool = False
+    skew: bool = False
     momentum: bool = False
     jumps: bool = False
     waves: bool = False
@@ -70,7 +70,7 @@ class Terms:
     @property
     def linear(self) -> bool:
         """True if the terms are linear, with coefficients from the state `base`."""
-        return self.gradient and (self.tangent or self.poisson)
+        return self.gradient and (self.tangent or self.skew)
 
 
 NO_TERMS = Terms()
@@ -115,8 +115,8 @@ class KernelTypes:
             "derivative": wp.array2d(dtype=real),
             "weight": wp.array2d(dtype=real),
             "size": wp.int32,
-            "gravity": terms.pressure and not terms.poisson and real,
-            "bottom": terms.bottom and not (terms.tangent or terms.poisson) and on_nodes,
+            "gravity": terms.pressure and not terms.skew and real,
+            "bottom": terms.bottom and not (terms.tangent or terms.skew) and on_nodes,
             "wind": terms.wind and not terms.still and on_nodes,
             "base": terms.linear and on_nodes,
             "inverse_jacobian": (terms.diffuses or terms.jumps) and wp.array2d(dtype=value),

@@ -47,7 +47,7 @@ def correct(
 
 
 @kernel
-def raised(x: vector, bottom: vector, depth: int, first: int, size: int, out: vector):
+def surface(x: vector, bottom: vector, depth: int, first: int, size: int, out: vector):
     """Set out = hq (1 + b/h) = q (h + b), the field that diffusion smooths."""
     k, node = wp.tid()
     at = k * size + node
@@ -55,10 +55,10 @@ def raised(x: vector, bottom: vector, depth: int, first: int, size: int, out: ve
 
 
 @kernel
-def raised_tangent(
+def surface_tangent(
     base: vector, bottom: vector, depth: int, first: int, size: int, x: vector, out: vector
 ):
-    """Store the derivative of `raised` at `base` along x."""
+    """Store the derivative of `surface` at `base` along x."""
     k, node = wp.tid()
     at = k * size + node
     h = base[depth + node]

@@ -144,8 +144,8 @@ def term_operations(
     operations: list[Operation] = []
     if terms.biharmonic:
         laplacian = parameters["laplacian"] = model.scratch("laplacian")
-        raised = terms.bottom and not terms.tangent
-        once = Terms(wind=terms.wind, bottom=raised, diffusion=True, still=True)
+        over_bottom = terms.bottom and not terms.tangent
+        once = Terms(wind=terms.wind, bottom=over_bottom, diffusion=True, still=True)
         first = TendencyOperator(mesh, once, model.parameters | {"nu": 1.0})
         operations.append(Operation(first, source, laplacian))
     operator: Operator

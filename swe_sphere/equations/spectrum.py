@@ -31,7 +31,7 @@ class Spectrum:
     wave: float
     dissipation: float = 0.0
     wind: float = 0.0
-    turning: float = 0.0
+    inertial: float = 0.0
     """Part of `wave` due to the wind, and the largest Coriolis parameter, both [s-1]."""
 
 

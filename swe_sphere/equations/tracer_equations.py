@@ -13,7 +13,7 @@ from swe_sphere.equations.right_hand_side import Operation, element_terms, term_
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
-from swe_sphere.kernels.tracers import mass_flux, raised, raised_tangent
+from swe_sphere.kernels.tracers import mass_flux, surface, surface_tangent
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.tracers import Limiter, MixingRatio, TracerTransport
 
@@ -99,7 +99,7 @@ class _Diffusion:
     def __init__(self, tracers: TracerEquations, model: DiscreteScene, terms: Terms) -> None:
         mesh, count = model.device_mesh, tracers.count
         self._model, self._launch = model, model.launch
-        self._kernel, self._tangent_kernel = model.launch.compile(mesh.real, raised, raised_tangent)
+        self._kernel, self._tangent = model.launch.compile(mesh.real, surface, surface_tangent)
         self._dim, self._first, self._size = (count, mesh.size), tracers.first, mesh.size
         self._offsets = (tracers.depth, tracers.first, mesh.size)
         has_bottom = model.scene.effect("orography") is not None
@@ -126,7 +126,7 @@ class _Diffusion:
         elif base is None:
             self._launch(self._kernel, self._dim, x, *known, out)
         else:
-            self._launch(self._tangent_kernel, self._dim, base, *known, x, out)
+            self._launch(self._tangent, self._dim, base, *known, x, out)
 
     def _add_rates(self, rate: wp.array, out: wp.array) -> None:
         masses = out[self._first : self._first + rate.size]

@@ -183,7 +183,7 @@ class SchurOperator:
     def collect(self, x: Field, out: wp.array) -> None:
         """Copy a field, with the same bits in all elements of a node, to a nodal vector (N,)."""
         _, kernel = self._passages(out.dtype)
-        self.mesh.launch_over_fields(kernel, self.size, self.mesh.of_own, x.flat, out)
+        self.mesh.launch_over_fields(kernel, self.size, self.mesh.place, x.flat, out)
 
     def put(self, values: Array, x: Field) -> None:
         """Copy values (N,) from the host to a field."""
@@ -227,7 +227,7 @@ class SchurOperator:
             r = self.damping.state
         self._differentiate(h)
         self.mesh.launch_over_fields(
-            self._substituted, self.size, self.mesh.places(1), self.mesh.of_own,
+            self._substituted, self.size, self.mesh.places(1), self.mesh.place,
             self.mesh.inverse_area, self._same, self._cross, self.size, self._east.flat,
             self._north.flat, h.flat, r, self.tau * self.gravity, out,
         )  # fmt: skip

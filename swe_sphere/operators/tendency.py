@@ -18,7 +18,7 @@ class TendencyOperator:
     `parameters` holds the terms' coefficients and fields: gravity [m s-2], nu [m2 s-1], nu4 [m4
     s-1] and the device arrays bottom (N,) [m], wind (2N,) [m s-1], base, laplacian and forcing
     (unknowns*N,) and coriolis (N,) [s-1]; "effects" holds the numbers and fields (N,) of each term
-    of `point`, by its name. With `Terms.poisson` (skew form) `Pointwise.rotation` turns the wind of
+    of `point`, by its name. With `Terms.skew` (skew form) `Pointwise.rotation` turns the wind of
     `base`. With a `stage` (a `stage_struct`), `out` is the result of the stage instead of the rate.
     """
 
@@ -38,7 +38,7 @@ class TendencyOperator:
         assembly, _ = assembly_kernels(unknowns, point)
         self._own = fill(specialise(added.structure, mesh.real), parameters, point)
         self.geometry = mesh.geometry(types.geometry, parameters | {"point": self._own})
-        self._turned = self.geometry.base if terms.poisson else None
+        self._turned = self.geometry.base if terms.skew else None
         self.local, self._places = mesh.scratch(unknowns, types.value), mesh.places(unknowns)
         begin, lanes = (mesh.inner, mesh.lanes) if direct else (0, 1)
         self._assemble = mesh.over_nodes(assembly, begin, lanes)

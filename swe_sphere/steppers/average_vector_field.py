@@ -29,7 +29,7 @@ class PoissonTendency:
     def __init__(self, model: Model) -> None:
         self._model, mesh, scene = model, model.device_mesh, model.scene
         self._mean, self._base = model.zeros(), model.zeros()
-        terms = Terms(advection=True, pressure=True, poisson=True)
+        terms = Terms(advection=True, pressure=True, skew=True)
         rotation, orography = map(scene.effect, ("rotation", "orography"))
         point = Pointwise(rotation=rotation is not None, forcing=scene.forcing is not None)
         own = model.parameters | {"base": self._base}

@@ -79,8 +79,8 @@ class FlowLimitStepper(Stepper):
     def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
         """Return the spectral radii [s-1], with the wind's part of `wave` and the Coriolis rate."""
         found, share = super().spectrum(model, state, t), wind_share(model, state)
-        turning = 0.0 if share == NOTHING_BUT_WIND else float(np.abs(model.coriolis).max())
-        return replace(found, wind=found.wave * share, turning=turning)
+        inertial = 0.0 if share == NOTHING_BUT_WIND else float(np.abs(model.coriolis).max())
+        return replace(found, wind=found.wave * share, inertial=inertial)
 
     @classmethod
     def stable_dt(cls, spectrum: Spectrum) -> float:
@@ -88,7 +88,7 @@ class FlowLimitStepper(Stepper):
 
         It also amplifies no vorticity that the wind carries, and no inertial oscillation.
         """
-        wave, rates = spectrum.wave, (spectrum.wind, spectrum.turning)
+        wave, rates = spectrum.wave, (spectrum.wind, spectrum.inertial)
         share, turn = (rate / wave if wave > 0.0 else 0.0 for rate in rates)
         cases = [(1.0 - share, part * share) for part in (PARTS if share > 0.0 else (0.0,))]
         cases += [(0.0, share), (0.0, turn)]

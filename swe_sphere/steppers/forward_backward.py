@@ -172,7 +172,7 @@ STRONG = 0.139
 """Wind over wave speed above which the coefficients for strong winds permit longer steps."""
 
 
-class SplitExplicit(FlowLimitStepper):
+class DepthThenWind(FlowLimitStepper):
     """A stepper whose evaluations are one pass for the depth and then one for the wind.
 
     Drag and relaxation are evaluated at the start of a step. After other changes of the state
@@ -201,7 +201,7 @@ def level_weights(wind: float, mass: float, gamma: float) -> tuple[Triple, Tripl
     return winds, masses, (0.5 + gamma, 0.5 - 2.0 * gamma, gamma)
 
 
-class ForwardBackward(SplitExplicit):
+class ForwardBackward(DepthThenWind):
     """Generalised AB3-AM4: one evaluation a step; the new depth also accelerates the wind.
 
     Shchepetkin & McWilliams 2005 (doi:10.1016/j.ocemod.2004.08.002), with new coefficients that are
@@ -284,7 +284,7 @@ class ForwardBackward(SplitExplicit):
         return np.stack(np.broadcast_arrays(new, *h[:2], speed, *u[:2]), axis=-2)
 
 
-class ForwardBackwardRK3(SplitExplicit):
+class ForwardBackwardRK3(DepthThenWind):
     """FB-RK(3,2): three stages; the new depth of a stage also accelerates its wind.
 
     Lilly et al. 2023 (arXiv:2306.11821), with their weights.

@@ -25,7 +25,7 @@ ANGLE = 1.2
 """Largest phase change [rad] of the fastest gravity wave in a sub-step."""
 
 
-class InfinitesimalStep(FlowLimitStepper):
+class MultirateInfinitesimalStep(FlowLimitStepper):
     """Multirate infinitesimal step: each Runge-Kutta stage integrates the gravity waves.
 
     Wensch, Knoth & Galant 2009, Knoth & Wensch 2014 (doi:10.1175/MWR-D-13-00068.1; source of the
@@ -113,7 +113,7 @@ class InfinitesimalStep(FlowLimitStepper):
         found = super().spectrum(model, state, t)
         if model.scene.effect("pressure-gradient") is None:
             return found
-        slow = max(found.wind, INERTIAL * found.turning, strongest_advection(model.inviscid))
+        slow = max(found.wind, INERTIAL * found.inertial, strongest_advection(model.inviscid))
         return replace(found, wind=min(slow, found.wave))
 
     @classmethod
@@ -149,7 +149,7 @@ def _waves(z: Complex, moved: Complex, rate: Complex, duration: float, steps: in
     return np.stack([h, u], axis=-2)
 
 
-MIS2, MIS3C = read_methods(InfinitesimalStep, "MIS2", "MIS3C")
+MIS2, MIS3C = read_methods(MultirateInfinitesimalStep, "MIS2", "MIS3C")
 
 
 class FastWaves:

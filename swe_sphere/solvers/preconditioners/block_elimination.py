@@ -15,11 +15,11 @@ from swe_sphere.kernels.vectors import nearness
 from swe_sphere.operators.device_mesh import Field
 from swe_sphere.operators.replay import Replay
 from swe_sphere.solvers.preconditioners.multilevel import Multilevel, schur_operator
-from swe_sphere.solvers.preconditioners.preconditioner import DEPTH_CHANGE, KeptSetup
+from swe_sphere.solvers.preconditioners.preconditioner import DEPTH_CHANGE, LaggedPreconditioner
 from swe_sphere.solvers.vector_space import VectorSpace
 
 
-class BlockElimination(KeptSetup):
+class BlockElimination(LaggedPreconditioner):
     """(I - tau L)^-1 with gravity waves about the current depth, without advection.
 
     It eliminates the wind, see `SchurOperator`; a subclass inverts the Schur complement S

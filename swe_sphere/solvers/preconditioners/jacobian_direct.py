@@ -10,14 +10,14 @@ from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh.partition import dissection_order
 from swe_sphere.operators.sparse import Probing
-from swe_sphere.solvers.preconditioners.preconditioner import DEPTH_CHANGE, KeptSetup
+from swe_sphere.solvers.preconditioners.preconditioner import DEPTH_CHANGE, LaggedPreconditioner
 
 COURANT_CHANGE = 2.0
 """Change of wind, as an advective Courant number of tau, above which new factors pay off."""
 FIELDS = 3
 
 
-class JacobianDirect(KeptSetup):
+class JacobianDirect(LaggedPreconditioner):
     """(I - tau J)^-1 by sparse LU on the host, in float32, J found by probing.
 
     J excludes viscosity, hyperviscosity and edge penalty. It is nearly skew in the energy norm, so

@@ -97,7 +97,7 @@ class IdentityPreconditioner(Preconditioner):
         wp.copy(out, r)
 
 
-class KeptSetup(Preconditioner):
+class LaggedPreconditioner(Preconditioner):
     """A preconditioner that is set up again when the step or the flow has changed significantly.
 
     It depends on the blocks (N,) of wind and depth from number `first` on. Raises ConfigError if
