@@ -18,7 +18,7 @@ from swe_sphere.mesh.sphere import angle, position
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.settings.values import read_toml
 
-SCENES = read_toml(Path(__file__).with_name("scenes.toml"))
+ENTRIES = read_toml(Path(__file__).with_name("scenes.toml"))
 """Title, reference, recommended mesh and recommended run length of each scene, by name."""
 ROTATING = (*DYNAMICS, Rotation())
 """Effects of a flow on a rotating planet without orography."""
@@ -34,7 +34,7 @@ def build_scene(name: str, exact: UnsteadyState | None = None, **fields: Any) ->
     The initial state is `exact` at t = 0, unless `fields` contain `initial`.
     """
     initial = {} if exact is None else {"initial": lambda lon, lat: exact(lon, lat, 0.0)}
-    return Scene(name, exact=exact, **SCENES[name] | initial | fields)
+    return Scene(name, exact=exact, **ENTRIES[name] | initial | fields)
 
 
 def at_rest(depth: float) -> State:

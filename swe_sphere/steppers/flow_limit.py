@@ -59,7 +59,7 @@ def strongest_advection(model: Model) -> float:
     return largest * RK4.spectrum(model, model.initial_state()).wave / spectrum.wave
 
 
-PARTS = np.linspace(0.0, 1.0, 5)
+WIND_PARTS = np.linspace(0.0, 1.0, 5)
 """Fractions of the strongest wind, along the waves, that the analysis of stability samples; a wind
 against the waves has the same growth."""
 WEAK = 1e-4
@@ -90,7 +90,7 @@ class FlowLimitStepper(Stepper):
         """
         wave, rates = spectrum.wave, (spectrum.wind, spectrum.inertial)
         share, turn = (rate / wave if wave > 0.0 else 0.0 for rate in rates)
-        cases = [(1.0 - share, part * share) for part in (PARTS if share > 0.0 else (0.0,))]
+        cases = [(1.0 - share, part * share) for part in (WIND_PARTS if share > 0.0 else (0.0,))]
         cases += [(0.0, share), (0.0, turn)]
 
         def growth(z_wave: Complex, z_dissipation: Complex) -> Array:

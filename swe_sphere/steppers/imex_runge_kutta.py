@@ -32,9 +32,9 @@ class ImexStepper(Stepper):
 
     family = "imex"
     reach = 8.0
-    faster: ClassVar[float] = 8.0
+    least_ratio: ClassVar[float] = 8.0
     """Least ratio of implicit to explicit wave frequencies in the analysis of stability."""
-    shorter: ClassVar[float] = 1.0
+    wind_factor: ClassVar[float] = 1.0
     """Factor of the spectral radius in winds faster than a third of the gravity waves."""
     solver: WaveSolver
 
@@ -57,7 +57,7 @@ class ImexStepper(Stepper):
         fastest = np.sqrt(model.scene.planet.gravity * reference_depth(model).max())
         at_start, wind = explicit_spectrum(model.inviscid, state, t), model.strongest_wind
         wave = max(at_start.wave, strongest_advection(model))
-        wave *= cls.shorter if 3.0 * wind > fastest else 1.0
+        wave *= cls.wind_factor if 3.0 * wind > fastest else 1.0
         if wind > fastest:
             wave += float(np.abs(model.coriolis).max())
         return replace(at_start, wave=wave)
@@ -65,7 +65,7 @@ class ImexStepper(Stepper):
     @classmethod
     def growth(cls, z_wave: Complex, z_dissipation: Complex) -> Array:
         """Return the largest amplification factors for implicit waves faster than explicit ones."""
-        of_faster = np.geomspace(cls.faster, MUCH_FASTER, 40)
+        of_faster = np.geomspace(cls.least_ratio, MUCH_FASTER, 40)
         factors = np.concatenate([-of_faster, [0.0], of_faster])
         z_implicit = factors.reshape(-1, *(1 for _ in z_wave.shape)) * z_wave
         return np.asarray(cls.split_growth(z_implicit, z_wave, z_dissipation).max(0))

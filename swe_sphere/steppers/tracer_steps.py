@@ -19,7 +19,7 @@ from swe_sphere.steppers.stepper import METHODS, Stepper, Trajectory, is_large
 
 FLOW = "flow_"
 """Prefix of the names of the arrays that the flow's stepper keeps."""
-PARTS = 2
+TRACER_PARTS = 2
 """Largest number of parts of a tracer step in the initial wind; stronger winds require more."""
 MARGIN = 1.1
 """Factor by which the spectral radius may exceed the value expected from the initial state."""
@@ -93,7 +93,7 @@ class TransportRate:
 def tracer_limit(model: Model) -> float:
     """Return the longest step [s] of tracers in the initial wind; infinite at rest."""
     radius = TransportRate(model).start
-    return PARTS * LONGEST / (MARGIN * radius) if radius > 0.0 else math.inf
+    return TRACER_PARTS * LONGEST / (MARGIN * radius) if radius > 0.0 else math.inf
 
 
 class TracerSteps(Trajectory, ABC):
@@ -226,7 +226,7 @@ class CarriedWithDepth(TracerSteps):
         self._ones = mesh.upload(np.ones(mesh.size))
 
     def _move(self) -> None:
-        length = self._length / PARTS
-        for piece in range(PARTS):
+        length = self._length / TRACER_PARTS
+        for piece in range(TRACER_PARTS):
             self.model.set_time(self.time + (piece + 0.5) * length)
             self._carry(self._steps, self.model.parameters["wind"], self._ones, length)
