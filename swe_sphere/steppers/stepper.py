@@ -188,7 +188,7 @@ class Stepper(Trajectory, ABC):
     """True if drag and relaxation are held constant over a step, which is of first order."""
     repeats_from: ClassVar[int | None] = None
     """Number of the step from which `advance` launches only the same kernels on arrays that `swap`
-    exchanges, so that it can be recorded; None: never, as in a class that defines `advance`."""
+    exchanges, so that it can be recorded; None: never. Another `advance` does not inherit it."""
     at_once: ClassVar[int] = 1
     """Number of steps launched as a whole on large meshes, see `operators/strips.py`."""
     safety: ClassVar[float] = 0.85
