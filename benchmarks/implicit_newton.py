@@ -49,7 +49,7 @@ def newton() -> Section:
         "stage is solved. The second is the fraction of the change of slope of the preceding stage "
         "that the guess of a stage includes (bdf2 extrapolates its states and has none). The "
         f"package uses {dirk.ESDIRK4.followed:g} for sdirk3 and esdirk4 and "
-        f"{dirk.TRBDF2.followed:g} for tr-bdf2, which needs more iterations with it in longer "
+        f"{dirk.TRBDF2.followed:g} for tr-bdf2, whose iterations this fraction increased in longer "
         "runs.",
         ["scene", "stepper", "Δt [s]", *(f"{first:g}, {part:g}" for first, part in CHOICES)],
         rows,

@@ -98,7 +98,8 @@ def price() -> Section:
             )  # fmt: skip
     return Section(
         "Price of a Jacobian product and of a preconditioner application",
-        "Medians of interleaved batches, in units of one right-hand side.",
+        "Medians of batches made in turns. The unit is a right-hand side, timed with each row; it "
+        "varies with the load of the machine.",
         ["mesh", "preconditioner", "right-hand side [ms]", "tangent", "application", "set-up [s]"],
         rows,
     )

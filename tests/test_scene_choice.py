@@ -158,6 +158,7 @@ def test_hyperviscosity_default_scaling() -> None:
 def test_parameters_of_another_type_are_refused(effect, parameters, message) -> None:
     with fails(message):
         effect(**parameters)
+    assert Relaxation(np.float32(10.0)).time == 10.0 and Relaxation(np.int64(10)).time == 10
 
 
 def test_numbers_that_overflow_a_scene_are_named() -> None:

@@ -448,7 +448,7 @@ class Relaxation(PointwiseEffect):
     time: float
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.time, int | float) and self.time > 0.0):
+        if not (isinstance(self.time, Real) and self.time > 0.0):  # type: ignore[unreachable]
             raise ConfigError(f"{self.name}.time must be positive, got {self.time}")
 
     @property
