@@ -96,7 +96,7 @@ Warn = Callable[[str], None]
 FAR = 1.05
 """A step longer than the stability limit by this factor causes a warning."""
 WIND_SAMPLES = 9
-"""Number of times of a run at which an unsteady prescribed wind may limit the step."""
+"""Number of times of a run at which an unsteady wind may limit steps further than `safety`."""
 
 _LOCK = RLock()
 """Lock of all simulations, because threads share what Warp records and compiles."""
@@ -308,7 +308,7 @@ class Simulation(NotCopyable):
             spectra = [of(self.model, state, t) for t in times.tolist()]
             self.model.counters.update(counted)  # the run does not count these evaluations
             limits = [planning.stability_limit(self.kind, each) for each in spectra]
-            self._limit = min(limits[0], min(limits) / self.kind.safety)  # which is for such growth
+            self._limit = min(limits[0], min(limits[1:], default=math.inf) / self.kind.safety)
         return self._limit
 
     @cached_property
