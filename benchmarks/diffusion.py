@@ -9,7 +9,7 @@ import statistics
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -80,7 +80,8 @@ class Pair:
 
     def implicit_row(self, dt: float) -> list[str]:
         """Return the row of the implicit stepper with steps of dt [s] over a day."""
-        kind, counts, times, found = STEPPERS[IMPLICIT], [], [], []
+        kind: Any = STEPPERS[IMPLICIT]
+        counts, times, found = [], [], []
         for model, how in ((self.plain, "whole"), (self.thick, "whole"), (self.thick, "apart")):
             a_day(kind(model, dt, diffusion=how))  # compiles
             began = time.process_time()

@@ -43,7 +43,7 @@ def all_limits() -> Section:
     for key in keys:
         found = limits(*key.split())
         rates = ", ".join(f"{found[k]:.2e}" for k in ("start", "most", "told"))
-        steps = [cell(*found[name], found["rk4"]) for name in NAMES]
+        steps = [cell(*found[name], explicit=found["rk4"]) for name in NAMES]
         rows.append([key, f"{found['rk4']:.0f}", *steps, rates])
     return Section(
         "Automatic steps and measured limits",

@@ -33,6 +33,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.replay import Replay
 from swe_sphere.steppers import get_stepper
+from swe_sphere.steppers.stepper import Stepper
 from swe_sphere.testcases import get_scene
 
 ELEMENTS = {4: 16, 6: 12, 8: 8, 12: 4}
@@ -117,7 +118,7 @@ def measure(ne: int, np_: int, precision: str, library: ctypes.CDLL | None, roun
     return case
 
 
-def _ours(model: Model, stepper: object) -> dict[str, Callable[[], object]]:
+def _ours(model: Model, stepper: Stepper) -> dict[str, Callable[[], object]]:
     """Return the calls of this package by part, with recorded launches; "stage": a step of rk4."""
     state, out, replay = model.initial_state(), model.zeros(), Replay(model.launch)
     local, *dss = recorded(model)
@@ -137,7 +138,8 @@ def _ours(model: Model, stepper: object) -> dict[str, Callable[[], object]]:
 def _by_hand(model: Model, library: ctypes.CDLL) -> dict[str, Callable[[], object]]:
     mesh, state, out, stage = model.device_mesh, model.initial_state(), model.zeros(), model.zeros()
     (operation,) = model.tendency.operations
-    room = operation.operator.local
+    operator: Any = operation.operator
+    room = operator.local
     local, flat = room.values, room.flat
     given = model.parameters
     gravity = np.array([given["gravity"]], dtype=mesh.numpy_real)

@@ -126,7 +126,7 @@ def eigenvalues(mesh: Mesh, scene: Scene) -> np.ndarray:
 
 def fastest(mesh: Mesh, scene: Scene) -> tuple[complex, np.ndarray]:
     """Return the eigenvalue of the largest real part [s-1] among all, and its vector."""
-    best, small, basis = -np.inf + 0j, None, None
+    best, small, basis = -np.inf + 0j, scipy.sparse.csr_array((0, 0)), np.empty(0)
     for block, each in blocks(mesh, scene):
         values = np.linalg.eigvals(block.toarray())
         if values.real.max() > best.real:

@@ -8,7 +8,7 @@ wind in the thin layers of the stability tests at automatic steps, with the edge
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -43,7 +43,7 @@ def growth(name: str, wind: float, froude: float, deeper: float) -> float:
         moved = half * (past - 2.0 * present + future)
         step = np.vstack([present + share * moved, future - (1.0 - share) * moved])
     else:
-        cls = STEPPERS[name]
+        cls: Any = STEPPERS[name]
         b, stages = np.array(cls.b), [unit]
         explicit, implicit = tableau(cls.explicit, b.size), tableau(cls.implicit, b.size)
         for i in range(1, b.size):

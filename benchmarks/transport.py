@@ -84,7 +84,8 @@ def carried(scene: Scene, ne: int, np_: int) -> Run:
         for _ in range(steps // 2):
             stepper.step()
         fields.append(model.fields(stepper.state, stepper.time))
-    return Run(mesh, *fields, stepper.dt, time.perf_counter() - begun)
+    start, middle, end = fields
+    return Run(mesh, start, middle, end, stepper.dt, time.perf_counter() - begun)
 
 
 def prices() -> Section:
