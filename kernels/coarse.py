@@ -62,7 +62,7 @@ def transfer_kernels(t: KernelTypes, functions: int) -> tuple[Any, Any, tuple[in
 
 
 @kernel
-def assembled(four: Places, more: Places, field: vector, out: vector):
+def assemble(four: Places, more: Places, field: vector, out: vector):
     """Sum the integrals of each function; `four` lists up to four contributors, `more` the rest."""
     row = wp.tid()
     total = gather(field, four, row, 0)

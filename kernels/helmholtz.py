@@ -39,7 +39,7 @@ stores them then computes their divergence; otherwise the kernel `divergence` do
 
 
 @func
-def assembled(geo: geometry, field: local, flat: vector, e: int, n: int):
+def assemble(geo: geometry, field: local, flat: vector, e: int, n: int):
     """Return the value at a node of an element after DSS."""
     total = field[e, n, 0]
     on_1 = (n // np_) % (np_ - 1) == 0
@@ -117,8 +117,8 @@ def slope_fluxes(
     e += begin
     row = wp.where(together, 0, e)
     for n in range(part * share, part * share + share):
-        u = mul(geo.per_area[e, n], assembled(geo, east, east_flat, e, n))
-        v = mul(geo.per_area[e, n], assembled(geo, north, north_flat, e, n))
+        u = mul(geo.per_area[e, n], assemble(geo, east, east_flat, e, n))
+        v = mul(geo.per_area[e, n], assemble(geo, north, north_flat, e, n))
         put_fluxes(geo, u, v, row, e, n, f1, f2)
     if wp.static(together):
         for n in range(share):
@@ -126,13 +126,11 @@ def slope_fluxes(
 
 
 @kernel
-def eliminated(
-    begin: int, geo: geometry, field: local, flat: vector, r: state, tau: real, b: local
-):
+def eliminate(begin: int, geo: geometry, field: local, flat: vector, r: state, tau: real, b: local):
     e, part = wp.tid()
     e += begin
     for n in range(part * share, part * share + share):
-        inflow = mul(geo.per_area[e, n], assembled(geo, field, flat, e, n))
+        inflow = mul(geo.per_area[e, n], assemble(geo, field, flat, e, n))
         b[e, n, 0] = load_given(r, 2 * geo.size, geo.nodes[e, n]) - tau * inflow
 
 
@@ -144,7 +142,7 @@ def chebyshev(
     e, part = wp.tid()
     e += begin
     for n in range(part * share, part * share + share):
-        second = mul(geo.per_area[e, n], assembled(geo, field, flat, e, n))
+        second = mul(geo.per_area[e, n], assemble(geo, field, flat, e, n))
         residual = b[e, n, 0] + sign * (last[e, n, 0] - tau_tau_g * second)
         step = keep * last[e, n, 0] + take * mul(geo.per_diagonal[e, n], residual)
         r[e, n, 0] = residual
@@ -153,7 +151,7 @@ def chebyshev(
 
 
 @kernel
-def substituted(
+def substitute(
     begin: int, places: Places, place: Numbers, inverse_area: vector, same: vector, cross: vector,
     size: int, east: vector, north: vector, h: vector, r: state, tau_g: real, out: state,
 ):  # fmt: skip

@@ -96,15 +96,15 @@ def _against(file: Path, other: str, trust: Iterable[Path]) -> Source | Exact:
     from swe_sphere.simulation.config import make_config
 
     run = RunFile(file)
-    told = table_in(str(run.attributes.get("configuration")))
-    if "scene" not in told:
+    settings = table_in(str(run.attributes.get("configuration")))
+    if "scene" not in settings:
         raise ConfigError(f"{file} does not state its scene: compare with another file")
     if origin := run.attributes.get("origin"):
         raise ConfigError(
             f"{file} began from {origin} and has no exact solution: compare with another file"
         )
-    check_trusted(told["scene"], file, trust)
-    return Exact(make_scene(make_config(told)), run.mesh)
+    check_trusted(settings["scene"], file, trust)
+    return Exact(make_scene(make_config(settings)), run.mesh)
 
 
 def compare(

@@ -166,10 +166,10 @@ def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
         printed: list[str] = []
         results = Thread(target=printed.extend, args=(job.stdout,))
         results.start()
-        told, processes = _pass_on(job.stderr)
+        explained, processes = _pass_on(job.stderr)
         results.join()
     sys.stdout.writelines(x for x in printed if x.strip() and not x.startswith(NOISE))
-    if job.returncode and not told:
+    if job.returncode and not explained:
         dead = re.findall(r"PID (\d+) RUNNING AT", "".join(printed))
         known = [f"rank {processes[pid]} of {ranks}" for pid in dead if pid in processes]
         rank = known[0] if known else "a rank"
@@ -191,7 +191,7 @@ def _pass_on(lines: Iterable[str]) -> tuple[bool, dict[str, str]]:
 
     Returns whether one of them states why the program fails, and numbers of ranks by process.
     """
-    told, ranks = False, dict[str, str]()
+    explained, ranks = False, dict[str, str]()
     for line in lines:
         if line.startswith(RANK_PREFIX):
             rank, process = line.removeprefix(RANK_PREFIX).split()
@@ -199,5 +199,5 @@ def _pass_on(lines: Iterable[str]) -> tuple[bool, dict[str, str]]:
             continue
         if line.strip() and not line.startswith(NOISE):
             sys.stderr.write(line)
-        told = told or (line.startswith("swe-sphere: ") and "warning:" not in line)
-    return told, ranks
+        explained = explained or (line.startswith("swe-sphere: ") and "warning:" not in line)
+    return explained, ranks

@@ -166,7 +166,7 @@ class SchurOperator:
         """Operator F of implicit diffusion; None without diffusion."""
         self._gradient, self._wind_fluxes, self._slope_fluxes, *others = mesh.launch.compile(
             types, helmholtz.gradient, helmholtz.wind_fluxes, helmholtz.slope_fluxes,
-            helmholtz.eliminated, helmholtz.chebyshev, helmholtz.substituted,
+            helmholtz.eliminate, helmholtz.chebyshev, helmholtz.substitute,
         )  # fmt: skip
         self._eliminated, self._chebyshev, self._substituted = others
         if not self._together:

@@ -67,11 +67,11 @@ class RungeKutta(Stepper):
         ConfigError if the last slope is unused.
         """
         rows = stability.tableau((*cls.a, cls.b), 1 + len(cls.b))[1:, :-1]
-        told = rows + np.diag(rows.diagonal() == 0.0)
+        triangle = rows + np.diag(rows.diagonal() == 0.0)
         if not rows[-1, -1]:
             raise ConfigError(f"{cls.name}: the last number of `b` is 0: leave out the last stage")
         for i, row in enumerate(rows):
-            yield np.linalg.solve(told[:i, :i].T, row[:i]), row[i]
+            yield np.linalg.solve(triangle[:i, :i].T, row[:i]), row[i]
 
     @classmethod
     def growth(cls, z_wave: stability.Complex, z_dissipation: stability.Complex) -> Array:

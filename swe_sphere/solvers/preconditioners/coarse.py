@@ -14,7 +14,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array, Integers
-from swe_sphere.kernels.coarse import assembled, transfer_kernels
+from swe_sphere.kernels.coarse import assemble, transfer_kernels
 from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.interpolate import Interpolator
@@ -147,7 +147,7 @@ class CoarsePart:
         count, groups = self._numbers.shape[1], mesh.groups
         made = transfer_kernels(mesh.types(whole=False), count)
         self._restrict, self._prolong, (few, many) = made
-        (self._assemble,) = launch.compile(mesh.real, assembled)
+        (self._assemble,) = launch.compile(mesh.real, assemble)
         launch.load(self._restrict, self._prolong)
         self._dims = (groups, count // few), (groups, mesh.points // many)
         self._values = mesh.upload(np.concatenate([space.values for space in spaces[:3]], axis=1).T)
@@ -208,8 +208,8 @@ class CoarsePart:
         comm, ring = self._mesh.comm, np.setdiff1d(self.functions, self._mine)
         owner = self._owner_of(ring)
         wanted = {r: ring[owner == r] for r in np.unique(owner).tolist()}
-        told = comm.allgather(wanted)
-        sends = {r: self.here(of[comm.rank]) for r, of in enumerate(told) if comm.rank in of}
+        requests = comm.allgather(wanted)
+        sends = {r: self.here(of[comm.rank]) for r, of in enumerate(requests) if comm.rank in of}
         return sends, {r: self.here(functions) for r, functions in wanted.items()}
 
     def _places(self) -> Integers:

@@ -256,12 +256,12 @@ def cells_of(row: Row) -> dict[str, str]:
     """
     case, numbers, checks = row.case, row.quantities, row.checks
     # the introduction states the largest drift of mass within its bound
-    told = {MASS} if any(x.quantity == MASS and x.holds for x in checks) else set()
+    in_introduction = {MASS} if any(x.quantity == MASS and x.holds for x in checks) else set()
     names = dict.fromkeys([*(check.quantity for check in checks), *case.report])
     names |= dict.fromkeys(COLUMNS if {*names} & {*NORMS} else ())
     names |= dict.fromkeys([] if row.passed else ["last_day"])
     shown = {name: _quantity(numbers[name], name) for name in names if name in numbers}
-    others = [name for name in shown if name not in COLUMNS and name not in told]
+    others = [name for name in shown if name not in COLUMNS and name not in in_introduction]
     return {
         "case": case.name, "ne": str(row.config.ne or ""), "np": str(row.config.np or ""),
         "Δt [s]": "" if math.isnan(row.dt) or case.method == "start" else f"{row.dt:.4g}",

@@ -114,7 +114,7 @@ def _derived(runs: pd.DataFrame, days: Iterable[float]) -> dict[str, Any]:
     spread = runs["spread"].where(np.isfinite(runs["spread"]))
     known = 1.0 + spread.clip(lower=REPEATABLE).fillna(TIMED_ONCE)
     completed = runs["status"] == "completed"
-    told = completed | (runs["reason"] == "")
+    unexplained = completed | (runs["reason"] == "")
     limits = runs[["gravity_limit", "advective_limit", "steps"]]
     gravity, advective, steps = limits.where(limits > 0.0).T.values
     meshes = (
@@ -125,7 +125,7 @@ def _derived(runs: pd.DataFrame, days: Iterable[float]) -> dict[str, Any]:
         number=runs.index, cost=cost, timed=np.isfinite(cost), least=cost / known,
         most=cost * known, clock=np.where(on_cpu, "CPU time", "wall time"), completed=completed,
         compared=completed & runs["role"].isin(COMPARED) & runs["days_planned"].isin(days),
-        ended=runs["status"].where(told, runs["status"] + ": " + runs["reason"]),
+        ended=runs["status"].where(unexplained, runs["status"] + ": " + runs["reason"]),
         mesh=[*meshes],
         gravity_multiple=runs["dt"] / gravity, advective_multiple=runs["dt"] / advective,
         newton_a_step=runs["newton_iterations"] / steps,
@@ -240,8 +240,8 @@ class Ranking:
     def answered(self) -> int | None:
         """Index of the headline's target: the smallest that two curves reach, or else one."""
         counts = [(self.table[i] > 0).sum() for i in range(len(self.targets))]
-        told = [i for fewest in (1, 2) for i, count in enumerate(counts) if count >= fewest]
-        return told[-1] if told else None
+        reached = [i for fewest in (1, 2) for i, count in enumerate(counts) if count >= fewest]
+        return reached[-1] if reached else None
 
     @property
     def heads(self) -> list[str]:

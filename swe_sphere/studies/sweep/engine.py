@@ -262,8 +262,8 @@ class Sweep:
         shortest, growth = min(guess, gravity) / 8.0, TRIAL_GROWTH[known]
         found = longest_working(works, guess, shortest, longest, growth)
         trial = TRIAL_STEPS, max(study.days, TRIAL_DAYS), limit if known else None
-        told = prose("stable_step", found, longest, gravity, *trial, "timed-out" in ends)
-        self._watcher.note(f"{integrator.label}: {told}")
+        sentence = prose("stable_step", found, longest, gravity, *trial, "timed-out" in ends)
+        self._watcher.note(f"{integrator.label}: {sentence}")
 
     def _search(self, everyone: list[Integrator]) -> None:
         """Search for the errors of the plan, the largest first; then time the cheapest runs."""

@@ -183,9 +183,9 @@ def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
         times = np.pad(np.sort(repeats, axis=1), ((0, 0), (0, 1)), constant_values=np.nan)
         data[name] = ("run", times[:, 0], {"units": "s"})  # NaN comes last
         if name == CLOCKS[bool((runs["device"] != "cpu").any())]:
-            told = {"units": "1", "long_name": f"of {name}: (second shortest - shortest)/shortest"}
+            about = {"units": "1", "long_name": f"of {name}: (second shortest - shortest)/shortest"}
             with np.errstate(divide="ignore", invalid="ignore"):
-                data["spread"] = ("run", times[:, 1] / times[:, 0] - 1.0, told)
+                data["spread"] = ("run", times[:, 1] / times[:, 0] - 1.0, about)
     data["error"] = _errors([last[key, 0] for key in runs.index])
     attributes = {
         name: json.dumps(value) if isinstance(value, dict) else value for name, value in header
