@@ -52,9 +52,8 @@ def limit_elements(
 ):  # fmt: skip
     """Limit within each element, over groups from `begin` on; the bounds have shape (count,).
 
-    `depth` and `first` are the offsets of the depth and of the first tracer in the state x. The
-    kernel stores the mass-weighted change of each element node, before DSS, in `out` (groups,
-    np*np, count).
+    `depth` and `first` are the offsets of the depth and of the first tracer in the state x. `out`
+    (groups, np*np, count) receives the mass-weighted change of each element node before DSS.
     """
     e = begin + wp.tid()
     for k in range(count):

@@ -290,8 +290,6 @@ def turbulence(
         return u, v, depth
 
     return build_scene(
-        "turbulence",
-        effects=(*(ROTATING if rotating else DYNAMICS), Hyperviscosity(factor=30.0)),
-        initial=initial,
-        planet=planet,
-    )
+        "turbulence", effects=(*(ROTATING if rotating else DYNAMICS), Hyperviscosity(factor=30.0)),
+        initial=initial, planet=planet,
+    )  # fmt: skip

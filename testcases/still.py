@@ -27,12 +27,10 @@ def lake_at_rest(cone: bool = True, rotating: bool = True) -> Scene:
     """
     bottom = conical_mountain if cone else _smooth_bottom
     return build_scene(
-        "lake-at-rest",
-        effects=(*(ROTATING if rotating else DYNAMICS), Orography()),
-        exact=lambda lon, lat, t: (0.0 * lon, 0.0 * lat, 5960.0 - bottom(lon, lat)),
-        bottom=bottom,
+        "lake-at-rest", effects=(*(ROTATING if rotating else DYNAMICS), Orography()),
+        exact=lambda lon, lat, t: (0.0 * lon, 0.0 * lat, 5960.0 - bottom(lon, lat)), bottom=bottom,
         error_field="surface",
-    )
+    )  # fmt: skip
 
 
 def _smooth_bottom(lon: Array, lat: Array) -> Array:

@@ -109,8 +109,7 @@ def _rolled_front(point: Array, centre: Array, t: float) -> Array:
 def _cells(strength: float, north: float, k: float, power: int) -> Wind:
     """Return a deformation that reverses at half time, with the speed s = 5 a cos(π t/T) / T.
 
-    The wind is u = strength s sin² kλ sin 2θ cos^power θ and v = north strength s sin 2kλ
-    cos^(power + 1) θ.
+    u = strength s sin² kλ sin 2θ cos^power θ, v = north strength s sin 2kλ cos^(power + 1) θ.
     """
 
     def wind(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:

@@ -77,13 +77,9 @@ def williamson7(
         initial = _analysed(file, degree, balanced)
 
     return build_scene(
-        "williamson7",
-        title=title,
-        reference=f"{source}; the case: {PAPER}, case 7",
-        effects=ROTATING,
-        initial=initial,
-        parameters={"file": "SYNTHETIC"} if file is None else {},
-    )
+        "williamson7", title=title, reference=f"{source}; the case: {PAPER}, case 7",
+        effects=ROTATING, initial=initial, parameters={"file": "SYNTHETIC"} if file is None else {},
+    )  # fmt: skip
 
 
 def _streamfunction(seed: int) -> Complex:

@@ -121,8 +121,8 @@ def test_a_run_of_a_fast_mode_is_one_period_long():
     ("scene", "parameters", "said"),
     [("hough", {"k": 0}, "k must be 1 to 500"), ("hough", {"k": 10**6}, "k must be 1 to 500"),
      ("hough", {"wave": "kelvin", "n": 2}, "1 for kelvin"),
-     ("hough", {"depth": -1.0}, "depth must be positive"),
-     ("hough", {"depth": 1.0, "n": 40}, "take a smaller n, or a depth of more than 1 m"),
+     ("hough", {"depth": -1.0}, "depth must be 1e-3 to 1e6 m"),
+     ("hough", {"depth": 1.0, "n": 40}, "take a smaller k or n, or another depth than 1 m"),
      ("matsuno", {"n": 41}, "k must be 1 to 500 and n 1 to 40"),
      ("slow-ocean", {"m": 10**6, "n": 10**6}, "m must be 1 to 50")],
 )  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import ClassVar
 
@@ -20,6 +21,7 @@ from swe_sphere.equations.effects import (
     MASSES,
     Drag,
     EdgePenalty,
+    Orography,
     PointwiseEffect,
     Relaxation,
     Rotation,
@@ -607,6 +609,19 @@ def test_diffusion_of_tracers_ignores_a_bottom_without_gravity_over_it() -> None
     assert np.abs(sim.state.q_one.values - 1.0).max() < 1e-13
 
 
+def test_tracers_do_not_diffuse_where_there_is_no_fluid() -> None:
+    scene = get_scene("williamson1")
+    scene = replace(
+        scene,
+        effects=(*scene.effects, Orography(), Tracers(), Viscosity(1e5)),
+        bottom=lambda lon, lat: 500.0 * np.cos(lat) ** 2,
+        tracers={"a": lambda lon, lat: 1.0 + np.sin(lat)},
+        exact=None,
+    )
+    with pytest.raises(ConfigError, match="tracers diffuse only where the depth is positive"):
+        Simulation(scene, ne=2, np=4, stepper="rk4").run(days=0.5)
+
+
 def test_preconditioners_use_the_damping_of_a_custom_effect() -> None:
     model = Model(MESH, replace(make_scene("advection", "pressure"),
                                 effects=(*DYNAMICS, Damper(linear=1e-3))))  # fmt: skip
@@ -647,3 +662,35 @@ def test_text_is_no_coefficient() -> None:
     with pytest.raises(ConfigError, match="must be finite and not negative, got a"):
         Viscosity(nu="a")
     assert Viscosity(nu=np.int64(100000)).nu == Viscosity(nu=np.float32(100000.0)).nu
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "said"),
+    [
+        (Viscosity, {"nu": True}, "viscosity.nu must be finite and not negative, got True"),
+        (Viscosity, {"nu": 10**400}, "viscosity.nu must be finite and not negative"),
+        (Relaxation, {"time": True}, "relaxation.time must be positive, got True"),
+        (Relaxation, {"time": "a day"}, "relaxation.time must be positive, got a day"),
+        (Tracers, {"limiter": "false"}, "tracers.limiter must be True or False, got 'false'"),
+        (Tracers, {"limiter": float("nan")}, "tracers.limiter must be True or False, got nan"),
+    ],
+)
+def test_values_of_another_type_are_refused(effect, values, said) -> None:
+    with pytest.raises(ConfigError, match=said):
+        effect(**values)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        Viscosity(nu=np.float32(1e5)), Viscosity(nu=Fraction(100000)), Drag(linear=np.int64(0)),
+        Relaxation(time=np.float32(1e5)), Tracers(limiter=np.False_),
+    ],
+)  # fmt: skip
+def test_numbers_of_other_types_can_be_written_to_files(effect, tmp_path: Path) -> None:
+    plain = get_scene("williamson6")
+    tracers = {"a": lambda lon, lat: 1.0 + 0.0 * lon}
+    scene = replace(plain, effects=(*plain.effects, Tracers()), tracers=tracers).with_effect(effect)
+    sim = Simulation(scene, ne=2, np=4, dt=600.0, days=0.05)
+    sim.run(out=tmp_path / "a.nc")
+    assert Simulation.from_checkpoint(tmp_path / "a.nc", scene).run(days=0.1).status == "completed"

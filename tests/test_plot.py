@@ -355,6 +355,7 @@ def globe(run, **look):
     ({"projection": "mercator"}, "unknown projection"),
     ({"region": (10.0, 10.0, 0.0, 20.0)}, "a region is west,east,south,north"),
     ({"region": (0.0, 20.0, 30.0, 20.0)}, "a region is west,east,south,north"),
+    ({"region": (0.0, 1e-9, 0.0, 1e-9)}, "at least 0.01 wide and high"),
     ({"region": (350.0, -10.0, -30.0, 30.0)}, "-360 < east - west <= 360"),
     ({"projection": "orthographic", "centre": (0.0, 95.0)}, "latitude of the centre must be -90"),
     ({"projection": "orthographic", "region": (0.0, 1.0, 0.0, 1.0)}, "accepts a centre but no"),

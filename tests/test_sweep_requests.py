@@ -24,6 +24,13 @@ def count(folder):
     return len(runs_of(folder).records)
 
 
+def test_options_of_the_stepper_are_not_those_of_the_reference_run(tmp_path):
+    given = {"ne": 2, "np": 4, "days": 0.25, "repeats": 1, "dt": [600.0, 300.0]}
+    data = sweep("lauter", "leapfrog", settings=["stepper.strength=0"], out=tmp_path, **given)
+    assert (data["status"] == "completed").all()
+    assert set(data["stepper"].values.tolist()) == {"leapfrog", "rk4"}
+
+
 def test_a_search_ranks_the_runs_of_a_grid_that_it_finds(tmp_path):
     """Its first trial is the first step of an automatic grid."""
     sweep("lauter", "rk4,leapfrog", out=tmp_path, **SEARCH | {"target_error": (), "levels": 1})
@@ -136,7 +143,7 @@ def test_a_search_that_ends_early_gives_the_reason_of_its_last_run():
             notes.append(text)
 
     search = SEARCH | {"target_error": 1e-12}
-    sweep("lauter", "rk4", watcher=Notes(), time_limit=0.02, **search | {"ne": 4, "days": 4.0})
+    sweep("lauter", "rk4", watcher=Notes(), time_limit=0.004, **search | {"ne": 4, "days": 4.0})
     assert len(notes) == 1 and "dt = " in notes[0] and "the time limit of" in notes[0]
     assert "inf" not in notes[0]
 

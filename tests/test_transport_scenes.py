@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import netCDF4
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 from swe_sphere.equations.effects import Relaxation
 from swe_sphere.equations.model import Model
+from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import norms
 from swe_sphere.mesh import Interpolator, Mesh
@@ -19,6 +21,8 @@ from swe_sphere.planet import DAY, EARTH
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.simulation import Simulation, run_scene
 from swe_sphere.steppers import STEPPERS
+from swe_sphere.studies.sweep.runs import Study
+from swe_sphere.studies.sweep.sweep_plan import make_plan
 from swe_sphere.testcases import get_scene
 
 CASES = (1, 2, 3, 4)
@@ -278,12 +282,56 @@ def test_an_effect_that_changes_the_depth_leaves_no_exact_tracers():
 def test_automatic_steps_know_the_strongest_wind_of_the_run(stepper: str) -> None:
     """The wind begins at rest and reaches 40 m/s after a day."""
 
-    def wind(lon, lat, t):
-        return 40.0 * np.cos(lat) * np.sin(0.5 * np.pi * t / DAY), 0.0 * lat
-
-    scene = replace(
-        get_scene("deformational"), wind=wind, exact=None, exact_tracers=None, sheds_waves=False
-    )
-    sim = Simulation(scene, ne=16, np=4, stepper=stepper, days=1)
+    sim = Simulation(swelling_wind(4.0), ne=16, np=4, stepper=stepper, days=1)
     assert sim.stable_dt() < 3600.0
     assert sim.run().status == "completed"
+
+
+@pytest.mark.parametrize("stepper", ["forward-backward", "leapfrog"])
+def test_a_longer_run_shortens_automatic_steps_for_a_stronger_wind(
+    stepper: str, tmp_path: Path
+) -> None:
+    scene = swelling_wind(4.0)
+    sim = Simulation(scene, ne=8, np=4, stepper=stepper)
+    assert sim.run(days=0.1, every=2.4).status == "completed"
+    at_first = sim.plan.dt
+    sim.checkpoint(tmp_path / "state.nc")
+    resumed = Simulation.from_checkpoint(tmp_path / "state.nc", scene)
+    for each in (sim, resumed):
+        assert each.run(days=1, every=2.4).status == "completed"
+        assert each.plan.dt < 0.5 * at_first
+
+
+def test_accurate_steps_know_the_strongest_wind_of_the_run() -> None:
+    sim = Simulation(swelling_wind(4.0), ne=16, np=4, stepper="epi3", days=1)
+    sim.begin()
+    assert 0.2 < 40.0 * sim.plan.dt / sim.mesh.spacing()[0] <= 0.5
+
+
+def test_no_period_of_a_wind_hides_its_strength_from_automatic_steps() -> None:
+    """The wind is at rest at every multiple of half a day."""
+    a_day, eight = (
+        Simulation(swelling_wind(1.0), ne=4, np=4, stepper="leapfrog", days=days)
+        for days in (1.0, 8.0)
+    )
+    assert eight.stable_dt() == pytest.approx(a_day.stable_dt(), rel=0.02)
+
+
+def test_steps_of_a_sweep_know_the_strongest_wind_of_the_run() -> None:
+    plan = {"ne": [4], "np": [4], "steppers": ["leapfrog"], "days": 1.0, "dt": [3600.0]}
+    (integrator,) = Study(
+        make_plan({"scene": "deformational"} | plan), swelling_wind(4.0)
+    ).integrators()
+    sim = Simulation(swelling_wind(4.0), ne=4, np=4, stepper="leapfrog", days=1.0)
+    assert integrator.stable_dt == sim.stable_dt() < 2e4
+
+
+def swelling_wind(period: float) -> Scene:
+    """Return a scene whose wind begins at rest and reaches 40 m/s after a quarter period [days]."""
+
+    def wind(lon, lat, t):
+        return 40.0 * np.cos(lat) * np.sin(2.0 * np.pi * t / (period * DAY)), 0.0 * lat
+
+    return replace(
+        get_scene("deformational"), wind=wind, exact=None, exact_tracers=None, sheds_waves=False
+    )

@@ -15,10 +15,9 @@ def run_strips(table: Table, strips: int): ...
 def sweep_strips(table: Table, strips: int):
     """Run a sequence of launches in one thread, strip by strip from the last strip to the first.
 
-    Each row of the table describes a launch. It holds the addresses of its function, its bounds,
-    its arguments and the first thread of each strip (strips + 1,); the first argument of its first
-    thread, and the increment of that argument per thread; the offset in the bounds of the thread
-    count, and the threads per index of the first dimension; the number of strips by which it lags
-    the first launch.
+    Each row of the table is a launch: the addresses of its function, its bounds, its arguments and
+    the first thread of each strip (strips + 1,); the first argument of its first thread, and the
+    increment of that argument per thread; the offset in the bounds of the thread count, and the
+    threads per index of the first dimension; the number of strips by which it lags the first one.
     """
     run_strips(table, strips)

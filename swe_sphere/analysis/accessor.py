@@ -225,12 +225,9 @@ class Analysis:
         return self._series(values, ours.times[pairs[:, 0]])
 
     def plot(
-        self,
-        field: str | None = None,
-        time: float | None = None,
-        ax: GeoAxes | None = None,
+        self, field: str | None = None, time: float | None = None, ax: GeoAxes | None = None,
         **look: Any,
-    ) -> GeoAxes:
+    ) -> GeoAxes:  # fmt: skip
         """Draw a field on the globe; return the map, which is axes of cartopy.
 
         time: the frame [days since the start]; None for the last. ax: axes of cartopy to draw into,

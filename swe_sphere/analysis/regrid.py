@@ -175,8 +175,7 @@ def regrid_file(
 
     path: file of the run. grid: latlon:ROWSxCOLUMNS or gaussian:N. out: a name ending in .nc, or in
     .zarr, which needs the package zarr; the file gets its name when it is complete. fields: the
-    requested variables, all if empty; u and v are written together or not at all. overwrite:
-    replace an existing `out`.
+    requested variables, all if empty; u and v go together. overwrite: replace an existing `out`.
 
     Memory contains one frame on the mesh and on the grid, and an interpolation matrix below 200 MB.
 

@@ -33,10 +33,8 @@ def program(names: Iterable[str] = COMMANDS) -> typer.Typer:
     """Return the program with those commands: loading each command takes time."""
     app = typer.Typer(
         help="Shallow water on the cubed sphere: run test cases and compare time integrators.",
-        no_args_is_help=True,
-        add_completion=False,
-        pretty_exceptions_enable=False,
-    )
+        no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
+    )  # fmt: skip
     app.callback()(_program)
     for name in names:
         module, _, function = COMMANDS[name].partition(":")

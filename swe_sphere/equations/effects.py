@@ -26,6 +26,16 @@ MASSES = frozenset({"mass", "tracers"})
 """Names of conserved masses: the total mass of the fluid, and the masses of its tracers."""
 
 
+def as_float(value: object) -> float:
+    """Return a real number as a float, infinite if it is too large, and NaN for anything else."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
 @dataclass(frozen=True)
 class Effect:
     """Base of all effects; the fields of a subclass are its parameters."""
@@ -77,13 +87,17 @@ class Effect:
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
+        for each in fields(self):
+            if isinstance(value := getattr(self, each.name), np.generic):
+                object.__setattr__(self, each.name, value.item())
         for name in self.strengths:
             value = getattr(self, name)
-            unset = value is None and getattr(type(self), name, None) is None
-            valid = isinstance(value, Real) and 0.0 <= value < math.inf  # type: ignore[operator]
-            if not (valid or unset):
+            if value is None and getattr(type(self), name, None) is None:
+                continue
+            if not 0.0 <= (number := as_float(value)) < math.inf:
                 label = f"{self.name}.{name}"
                 raise ConfigError(f"{label} must be finite and not negative, got {value}")
+            object.__setattr__(self, name, number)
 
     @property
     def diffuses(self) -> bool:
@@ -183,6 +197,11 @@ class Tracers(Effect):
     name = "tracers"
     needs = "tracers"
     limiter: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not isinstance(self.limiter, bool):
+            raise ConfigError(f"{self.name}.limiter must be True or False, got {self.limiter!r}")
 
 
 @dataclass(frozen=True)
@@ -448,8 +467,9 @@ class Relaxation(PointwiseEffect):
     time: float
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.time, Real) and self.time > 0.0):  # type: ignore[unreachable]
+        if not as_float(self.time) > 0.0:
             raise ConfigError(f"{self.name}.time must be positive, got {self.time}")
+        object.__setattr__(self, "time", as_float(self.time))
 
     @property
     def absent(self) -> bool:

@@ -236,6 +236,11 @@ class Model(DiscreteScene):
             return radius
         # of tracers q (h + b) is diffused, which exceeds hq; the depth may fall during a run
         _, _, h = (self.scene.base or self.scene.initial)(self.mesh.lon, self.mesh.lat)
+        if not h.min() > 0.0:
+            raise ConfigError(
+                f"{self.scene.name}: over orography tracers diffuse only where the depth is"
+                " positive everywhere: make the fluid deeper, or leave diffusion out"
+            )
         return 1.25 * radius * float((1.0 + (self.bottom - self.bottom.min()) / h).max())
 
     @cached_property

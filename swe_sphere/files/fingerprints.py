@@ -106,8 +106,6 @@ def processor(device: str = "cpu") -> str:
 def versions() -> dict[str, str]:
     """Return the versions of Python, Warp, NumPy and this package."""
     return {
-        "python": platform.python_version(),
-        "warp": version("warp-lang"),
-        "numpy": np.__version__,
+        "python": platform.python_version(), "warp": version("warp-lang"), "numpy": np.__version__,
         "swe_sphere": __version__,
-    }
+    }  # fmt: skip

@@ -86,8 +86,7 @@ def integrals(
 ) -> dict[str, float]:  # fmt: skip
     """Return integrals and extremes of a state given at the nodes, all arrays (N,).
 
-    u, v [m s-1], h [m], bottom b [m], Coriolis parameter f, relative vorticity and divergence
-    [s-1]. Returns
+    u, v [m s-1], h, bottom b [m], Coriolis parameter f, vorticity and divergence [s-1]. Returns
 
         mass                 I(h) [m]
         energy               I(h |V|^2 / 2 + g ((h + b)^2 - b^2) / 2) [m3 s-2]
@@ -105,17 +104,14 @@ def integrals(
     enstrophy = (vorticity + f) ** 2 / (2.0 * h) if h.min() > 0.0 else np.nan * h
     energy = 0.5 * (h * square + planet.gravity * h * (h + 2.0 * b))
     return {
-        "mass": area_mean(mesh.area, h),
-        "energy": area_mean(mesh.area, energy),
+        "mass": area_mean(mesh.area, h), "energy": area_mean(mesh.area, energy),
         "potential_enstrophy": area_mean(mesh.area, enstrophy),
         **angular_momentum(mesh, u, v, h, f),
         "total_vorticity": area_mean(mesh.area, np.broadcast_to(vorticity, h.shape)),
         "total_divergence": area_mean(mesh.area, np.broadcast_to(divergence, h.shape)),
-        "max_wind": float(speed.max()),
-        "min_depth": float(h.min()),
-        "max_wave": float(wave.max()),
+        "max_wind": float(speed.max()), "min_depth": float(h.min()), "max_wave": float(wave.max()),
         "max_signal": float((speed + wave).max()),
-    }
+    }  # fmt: skip
 
 
 def angular_momentum(

@@ -43,12 +43,9 @@ MISSING: dict[str, Any] = {"_FillValue": np.nan}
 START = "2000-01-01"
 """Date of the start of a run in files."""
 TIME = {
-    "long_name": "time",
-    "standard_name": "time",
-    "units": f"seconds since {START} 00:00:00",
-    "calendar": "proleptic_gregorian",
-    "units_metadata": "leap_seconds: none",
-}
+    "long_name": "time", "standard_name": "time", "units": f"seconds since {START} 00:00:00",
+    "calendar": "proleptic_gregorian", "units_metadata": "leap_seconds: none",
+}  # fmt: skip
 
 MESH_ATTRIBUTES: tuple[str, ...] = ("ne", "np", "radius", "stretch", "centre", "spin")
 """Global attributes [m, degrees] from which `Mesh.build` rebuilds the mesh of the file."""

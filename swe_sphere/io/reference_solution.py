@@ -218,12 +218,9 @@ def open_source(path: str | os.PathLike[str]) -> RunFile | Reference:
 
 
 def compare(
-    a: str | os.PathLike[str],
-    b: str | os.PathLike[str],
-    field: str | None = None,
-    time: float | None = None,
-    across_scenes: bool = False,
-) -> dict[str, str | float | None]:
+    a: str | os.PathLike[str], b: str | os.PathLike[str], field: str | None = None,
+    time: float | None = None, across_scenes: bool = False,
+) -> dict[str, str | float | None]:  # fmt: skip
     """Return norms of A - B over those of B, at the points and with the area weights of B.
 
     a, b: files of runs (any two meshes) or latitude-longitude references. field: a name in

@@ -80,10 +80,12 @@ class Look(
         if self.region is None:
             return self
         west, east, south, north = self.region
-        if not (-90.0 <= south < north <= 90.0 and west != east and -360.0 < east - west <= 360.0):
+        wide = min(north - south, abs(east - west)) >= 0.01
+        if not (wide and -90.0 <= south < north <= 90.0 and -360.0 < east - west <= 360.0):
             raise ConfigError(
-                "a region is west,east,south,north in degrees: -360 < east - west <= 360 and not 0,"
-                f" -90 <= south < north <= 90, not {west:g},{east:g},{south:g},{north:g}"
+                "a region is west,east,south,north in degrees, at least 0.01 wide and high: -360 <"
+                " east - west <= 360, -90 <= south < north <= 90, not"
+                f" {west:g},{east:g},{south:g},{north:g}"
             )
         if self.projection == "orthographic":
             raise ConfigError("the orthographic globe accepts a centre but no region")

@@ -209,7 +209,7 @@ def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:
     options = {k: value for k, value in defaults.items() if isinstance(value, int | float | str)}
     for name, value in config.settings_of(STEPPER).items():
         if name not in options:
-            has = f"it has {', '.join(options)}" if options else "implicit steppers have some"
+            has = f"it has {', '.join(options)}" if options else "it has none"
             raise ConfigError(f"stepper {kind.name} has no option {name!r}; {has}")
         options[name] = convert(f"stepper {kind.name}: {name}", known[name].annotation, value)
     return options

@@ -246,6 +246,11 @@ class RunConfig(SharedConfig):
         """Preconditioner by its field or by a setting of the stepper; None if neither is set."""
         return self.settings_of(STEPPER).get("preconditioner")
 
+    @property
+    def scene_settings(self) -> tuple[Setting, ...]:
+        """The settings without options of the stepper."""
+        return tuple(each for each in self.settings if each.owner != STEPPER)
+
     def given(self) -> dict[str, Any]:
         """Return the requested values, without the defaults."""
         return {name: getattr(self, name) for name in sorted(self.model_fields_set)}

@@ -50,8 +50,7 @@ class Snapshot:
     """A state between two steps, whose fields and numbers are computed when first requested.
 
     state: flat array of the model, on its device.  time [s], steps: since the start.  sim: the
-    simulation of the state; without it the snapshot has fields, but neither numbers nor
-    user-defined diagnostics.
+    simulation, without which the snapshot has fields, but neither numbers nor diagnostics.
     """
 
     def __init__(
@@ -281,8 +280,7 @@ def diagnostic(
         39
         >>> del DIAGNOSTICS["jet"]
 
-    Raises:
-        ConfigError: the name is no identifier or belongs to another value, or `function` is none.
+    Raises ConfigError if the name is no identifier or that of another value, or without function.
     """
     if function is None:
         return partial(diagnostic, name=name, units=units, long_name=long_name)

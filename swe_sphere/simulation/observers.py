@@ -23,6 +23,7 @@ from swe_sphere.files.user_file import is_custom
 from swe_sphere.logs import LOGGER
 from swe_sphere.mesh import Interpolator
 from swe_sphere.planet import DAY, HOUR
+from swe_sphere.simulation import planning
 from swe_sphere.simulation.config import Output
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Snapshot, call_in_run
 from swe_sphere.simulation.planning import RunPlan
@@ -160,7 +161,9 @@ class HealthCheck(Observer):
         advice = "take a smaller dt"
         if dt <= limit:
             advice = "try a finer mesh, a smaller dt or more dissipation (edge-penalty.c=default)"
-        return Unstable(f"{failure}: dt = {dt:.6g} s, {bound} at the initial state; {advice}")
+        unsteady = planning.changes_wind(self._sim.scene)
+        when = "in the strongest wind" if unsteady else "at the initial state"
+        return Unstable(f"{failure}: dt = {dt:.6g} s, {bound} {when}; {advice}")
 
 
 def spoilt_fields(model: Any, array: Any) -> str:
@@ -455,8 +458,7 @@ def every(
         >>> len(depths)
         2
 
-    Raises:
-        ConfigError: none or more than one of the three is given, or one that is not positive.
+    Raises ConfigError unless exactly one of the three is given, and positive.
     """
     units: tuple[tuple[Any, float], ...] = ((steps, 1.0), (hours, HOUR), (days, DAY))
     given = [(value, unit) for value, unit in units if value is not None]

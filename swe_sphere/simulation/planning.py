@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
@@ -17,6 +18,8 @@ from swe_sphere.planet import DAY, HOUR
 from swe_sphere.settings.values import convert
 
 if TYPE_CHECKING:  # imports Warp
+    from swe_sphere.equations.model import Model
+    from swe_sphere.equations.scene import Scene
     from swe_sphere.equations.spectrum import Spectrum
     from swe_sphere.steppers import Stepper
 
@@ -32,17 +35,49 @@ LONGEST_OF_TRACERS = 3.0 * HOUR
 """Longest automatic step of tracers [s] if the wind is not prescribed: it changes meanwhile."""
 WORTH_A_CHANGE = 1.25
 """A step that fits is replaced by an automatic one that is longer by more than this factor."""
+WIND_SAMPLES = 40
+"""Number of times of a run among which the one of the strongest prescribed wind is found."""
 MEANT = 5e-5
 """Largest difference [h] between a time between frames and the fraction that it stands for."""
 
 
-def stability_limit(kind: type[Stepper], spectrum: Spectrum) -> float:
-    """Return the largest stable step [s] of a stepper, infinite without one.
+def stability_limit(kind: type[Stepper], spectra: Sequence[Spectrum]) -> float:
+    """Return the largest stable step [s] of a stepper for `run_spectra`, infinite without one.
 
-    Raises ConfigError if the stepper does not return a number.
+    The strongest wind may use up the margin `safety` of automatic steps. Raises ConfigError if the
+    stepper does not return a number.
     """
     label = f"stable_dt of stepper {kind.name}"
-    return float(convert(label, float, call_custom(label, kind.stable_dt, spectrum), finite=False))
+    limits = [call_custom(label, kind.stable_dt, each) for each in spectra]
+    first, *later = (float(convert(label, float, each, finite=False)) for each in limits)
+    return min([first, *(each / kind.safety for each in later)])
+
+
+def run_spectra(kind: type[Stepper], model: Model, times: Iterable[float]) -> list[Spectrum]:
+    """Return a stepper's spectra at the initial state with the prescribed winds of these times."""
+    label, state = f"spectrum of stepper {kind.name}", model.initial_state()
+    return [call_custom(label, kind.spectrum, model, state, t) for t in times]
+
+
+def limiting_times(model: Model, days: float) -> list[float]:
+    """Return the times [s] that limit the steps of a run: 0, and that of the strongest wind.
+
+    An unsteady prescribed wind is compared at times with irregular distances, so that no period of
+    it can fit them, up to a time at which it fails.
+    """
+    if not changes_wind(model.scene):
+        return [0.0]
+    golden, state, rates = 0.5 * (math.sqrt(5.0) - 1.0), model.initial_state(), dict[float, float]()
+    with suppress(ConfigError):
+        for t in (days * DAY * (k * golden % 1.0) for k in range(WIND_SAMPLES)):
+            fields = model.fields(state, t)
+            rates[t] = (np.hypot(fields["u"], fields["v"]) / np.sqrt(model.mesh.area)).max()
+    return [0.0, max(rates, key=lambda t: rates[t])]
+
+
+def changes_wind(scene: Scene) -> bool:
+    """Return whether a prescribed wind changes with time."""
+    return scene.wind is not None and not scene.steady_wind
 
 
 @dataclass(frozen=True)
@@ -282,18 +317,19 @@ def _check_whole(name: str, length: float, dt: float, origin: float) -> None:
 def automatic_step(sim: Any, days: float) -> tuple[float, str]:
     """Return an automatic step [s], and its rule in words.
 
-    It is a safe fraction of the stability limit. Without a limit, the fastest initial wind has the
-    advective Courant number of the stepper on the finest spacing of the mesh, in a step that is at
-    most the longest one of the stepper. days: length of the run, which no step exceeds. Raises
-    ConfigError if the stability limit is not a positive number.
+    It is a safe fraction of the stability limit. Without a limit, the fastest initial or prescribed
+    wind has the advective Courant number of the stepper on the finest spacing of the mesh, in a
+    step that is at most the longest one of the stepper. days: length of the run, which no step
+    exceeds. Raises ConfigError if the stability limit is not a positive number.
     """
     kind, limit = sim.kind, sim.stable_dt()
-    fields = sim.model.fields(sim.model.initial_state(), 0.0)
+    state, times = sim.model.initial_state(), limiting_times(sim.model, sim.days)
+    winds = [sim.model.fields(state, t) for t in times]
     if not limit > 0.0:
         raise ConfigError(
             f"the stability limit of {kind.name} is {limit:g} s: choose a step with --dt"
         )
-    wind, accurate = float(np.hypot(fields["u"], fields["v"]).max()), kind.longest
+    wind, accurate = max(float(np.hypot(x["u"], x["v"]).max()) for x in winds), kind.longest
     if wind > 0.0:
         accurate = min(accurate, kind.courant * sim.mesh.spacing()[0] / wind)
     # the stability limit of a fluid at rest does not bound the waves once there is a wind
@@ -331,7 +367,8 @@ def plan_run(sim: Any, also: Sequence[float] = ()) -> RunPlan:
     plan = time_plan(days, every, dt, also, cycle, fewer, automatic)
     if done:
         plan = led_plan(plan, done, sim.time, also)
-        if present is not None and not present.tail and plan.dt <= WORTH_A_CHANGE * present.dt:
+        near = plan.dt / WORTH_A_CHANGE, ROUNDING * dt
+        if present is not None and not present.tail and near[0] <= present.dt <= near[1]:
             return present
     return replace(plan, rule=rule)
 

@@ -269,20 +269,14 @@ def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
 
     methods = {"stepper": config.stepper, "preconditioner": config.chosen_preconditioner}
     return {
-        "scene": scene.name,
-        "stepper": get_stepper(config.stepper).name,
-        "ne": mesh.ne,
-        "np": mesh.np,
-        "stretch": mesh.stretch,
-        "centre": [*mesh.centre],
-        "spin": mesh.spin,
-        "precision": config.precision,
-        "tracer_steps": config.tracer_steps,
+        "scene": scene.name, "stepper": get_stepper(config.stepper).name, "ne": mesh.ne,
+        "np": mesh.np, "stretch": mesh.stretch, "centre": [*mesh.centre], "spin": mesh.spin,
+        "precision": config.precision, "tracer_steps": config.tracer_steps,
         "scene_parameters": dict(scene.parameters),
         "effects": {effect.name: asdict(effect) for effect in scene.effects},
         "planet": asdict(scene.planet),
         "sources": run_sources(config.scene, scene, config.diagnostics, **methods),
-    }
+    }  # fmt: skip
 
 
 def run_sources(

@@ -95,8 +95,6 @@ Warn = Callable[[str], None]
 
 FAR = 1.05
 """A step longer than the stability limit by this factor causes a warning."""
-WIND_SAMPLES = 9
-"""Number of times of a run at which an unsteady wind may limit steps further than `safety`."""
 
 _LOCK = RLock()
 """Lock of all simulations, because threads share what Warp records and compiles."""
@@ -144,26 +142,17 @@ class Simulation(NotCopyable):
         >>> sim.time
         88200.0
 
-    Raises:
-        ConfigError: the simulation cannot be set up as requested, in one line.
+    Raises ConfigError if the simulation cannot be set up as requested, in one line.
     """
 
     @exclusive
     def __init__(
-        self,
-        scene: str | Path | Scene,
-        *,
-        config: RunConfig | None = None,
-        stepper: Any = None,
-        mesh: Mesh | None = None,
-        preconditioner: Any = None,
+        self, scene: str | Path | Scene, *, config: RunConfig | None = None, stepper: Any = None,
+        mesh: Mesh | None = None, preconditioner: Any = None,
         effects: Mapping[str, object] | Iterable[Effect] | None = None,
-        parameters: Mapping[str, object] | None = None,
-        options: Mapping[str, object] | None = None,
-        resumed: Restart | None = None,
-        initial: Any = None,
-        **settings: Unpack[Keywords],
-    ) -> None:
+        parameters: Mapping[str, object] | None = None, options: Mapping[str, object] | None = None,
+        resumed: Restart | None = None, initial: Any = None, **settings: Unpack[Keywords],
+    ) -> None:  # fmt: skip
         from swe_sphere.steppers import get_stepper
 
         given: dict[str, Any] = {
@@ -215,7 +204,7 @@ class Simulation(NotCopyable):
         launch, self.comm = (config.device, config.precision, config.launch), world()
         self.model = Model(self.mesh, self.scene, *launch, comm=self.comm)
         """The compiled right-hand side."""
-        self._limit: float | None = None
+        self._limits: dict[float, float] = {}  # by the length of the run
         self.warn: Warn = lambda text: None
         """Called with each warning of a run."""
         self.own_axes: dict[Diagnostic, tuple[int, list[tuple[Any, ...]]]] = {}
@@ -243,6 +232,7 @@ class Simulation(NotCopyable):
         self._plan: RunPlan | None = None
         self._stepper: Trajectory | None = None
         self._kept: Keeper | None = None
+        self._left: Array | None = None  # the state at the end of the last run
         self._snapshot: Snapshot | None = None
         self._lengths: list[tuple[int, float, float]] = []
         """Lengths of steps so far [s], each with the number of steps and the time before it [s]."""
@@ -297,19 +287,17 @@ class Simulation(NotCopyable):
     def stable_dt(self) -> float:
         """Return the approximate stability limit at the initial state [s]; infinite without one.
 
-        With an automatic step and an unsteady prescribed wind it is the least at several times of
-        the run. Raises ConfigError if the stepper does not return a number.
+        An unsteady prescribed wind counts at its strongest in the run. Raises ConfigError if the
+        stepper does not return a number.
         """
-        if self._limit is None:
-            counted, wind = dict(self.model.counters), self.scene.wind
-            changes = wind is not None and not self.scene.steady_wind and self.config.dt == "auto"
-            times = np.linspace(0.0, self.days * DAY, WIND_SAMPLES if changes else 1)
-            state, of = self.model.initial_state(), self.kind.spectrum
-            spectra = [of(self.model, state, t) for t in times.tolist()]
+        days = self.days if planning.changes_wind(self.scene) else 0.0
+        if days not in self._limits:
+            counted = dict(self.model.counters)
+            times = planning.limiting_times(self.model, days)
+            spectra = planning.run_spectra(self.kind, self.model, times)
             self.model.counters.update(counted)  # the run does not count these evaluations
-            limits = [planning.stability_limit(self.kind, each) for each in spectra]
-            self._limit = min(limits[0], min(limits[1:], default=math.inf) / self.kind.safety)
-        return self._limit
+            self._limits[days] = planning.stability_limit(self.kind, spectra)
+        return self._limits[days]
 
     @cached_property
     @exclusive
@@ -374,13 +362,29 @@ class Simulation(NotCopyable):
         self._spent = spent
         self._lengths.append((steps, now, dt))
 
-    def accept_changes(self, before: Array) -> None:
-        """Start the stepper again if its state is no longer `before` (n,), as a callback may do."""
+    def _accept_since_run(self) -> None:
+        """Accept changes of the state since the end of the last run, if no step was taken since."""
+        self.release()
+        if self._left is not None:
+            self.accept_changes(self._left)
+            self._left = self.stepper.state.numpy().copy()
+
+    def accept_changes(self, before: Array | None = None) -> None:
+        """Accept changes of the stepper's state: a stepper with more memory starts again from it.
+
+        Needed between calls of `step`, not of `run`. before: state (n,) that may have changed.
+        """
         stepper, now = self.stepper, self.time
         self.release()  # its fields may be those before a change
-        if any(self.comm.gather_number(not np.array_equal(before, stepper.state.numpy()))):
+        remembers = {*stepper.restart_arrays(), *stepper.numbers()} != {"state", "origin"}
+        same = before is not None and np.array_equal(before, stepper.state.numpy())
+        if not any(self.comm.gather_number(not same)):
+            return
+        if remembers:
             self._lengths.append((self.steps, now, stepper.dt))
             stepper.start(stepper.state, now)
+        else:  # as a restart does
+            stepper.load_numbers(stepper.numbers(), stepper.steps)
 
     @property
     def _before(self) -> int:
@@ -420,6 +424,7 @@ class Simulation(NotCopyable):
     def step(self) -> None:
         """Take one step; RunFailed if it cannot be taken."""
         self._begin_once()
+        self._left = None
         self.fit_step()
         self.take(1)
 
@@ -439,12 +444,9 @@ class Simulation(NotCopyable):
 
     @exclusive
     def advance(
-        self,
-        observers: Sequence[Observer] = (),
-        time_limit: float | None = None,
-        interruption: Interruption | None = None,
-        since: float | None = None,
-    ) -> Summary:
+        self, observers: Sequence[Observer] = (), time_limit: float | None = None,
+        interruption: Interruption | None = None, since: float | None = None,
+    ) -> Summary:  # fmt: skip
         """Step to the end of the plan, or until a failure; return how it ended, without numbers.
 
         observers: see states when due; those with `sees_end` also the last one. time_limit: wall
@@ -454,9 +456,12 @@ class Simulation(NotCopyable):
         self.outcome, noted = Summary("running"), interruption or Interruption()
         with ExitStack() as stack:  # each observer ends if it has begun
             try:
+                self._accept_since_run()
+                self._left, before = None, self.stepper.state.numpy().copy()
                 for observer in observers:
                     notify(observer, "begin", self.plan, self.snapshot)
                     stack.callback(self._end, observer)
+                self.accept_changes(before)
                 _ = self.snapshot.own  # a diagnostic that fails does so before the first step
                 with users_code(), nullcontext() if interruption else noted:
                     Loop(self, observers, time_limit, noted, since).step_to_end()
@@ -467,7 +472,8 @@ class Simulation(NotCopyable):
                     raise
                 # before the observers end, for which all ranks may be needed
                 self._ended_by(error)
-        self._signal = noted.number
+        self._signal, stepper = noted.number, self._stepper
+        self._left = None if stepper is None else stepper.state.numpy().copy()
         return self.outcome
 
     def _end(self, observer: Observer) -> None:
@@ -487,20 +493,12 @@ class Simulation(NotCopyable):
 
     @exclusive
     def run(
-        self,
-        days: float | None = None,
-        *,
-        out: str | Path | None = None,
-        every: float | None = None,
-        outputs: Sequence[Output] | None = None,
-        callbacks: Iterable[Any] = (),
-        time_limit: float | None = None,
-        overwrite: bool = False,
-        keep: bool = False,
-        progress: bool | None = None,
-        warn: Warn | None = None,
+        self, days: float | None = None, *, out: str | Path | None = None,
+        every: float | None = None, outputs: Sequence[Output] | None = None,
+        callbacks: Iterable[Any] = (), time_limit: float | None = None, overwrite: bool = False,
+        keep: bool = False, progress: bool | None = None, warn: Warn | None = None,
         raises: bool = True,
-    ) -> Summary:
+    ) -> Summary:  # fmt: skip
         """Step to the end of the run, or until it fails or is stopped.
 
         Args:
@@ -677,16 +675,13 @@ class Simulation(NotCopyable):
         outcome, names = self.outcome, ("scene", "ne", "np", "stretch", "precision", "effects")
         numbers = {name: self.identity[name] for name in names} | self._method() | self.options
         numbers |= {
-            "steps": self.steps,
-            "days": self.time / DAY,
-            "days_planned": self.days,
+            "steps": self.steps, "days": self.time / DAY, "days_planned": self.days,
             "dt_wanted": self._plan and self._plan.wanted,
             "out": None if self.config.out is None else str(self.config.out),
             "outputs": [str(output.path) for output in self.config.outputs] or None,
             "compile_seconds": self.model.compile_seconds,
-            "earlier_seconds": self._spent.get("wall_seconds", 0.0),
-            "ranks": self.comm.size,
-        }
+            "earlier_seconds": self._spent.get("wall_seconds", 0.0), "ranks": self.comm.size,
+        }  # fmt: skip
         numbers |= {**dict.fromkeys(NAMES["costs"], 0), **self.counts()}
         if outcome.is_sound:
             numbers |= self.diagnostics
@@ -708,16 +703,12 @@ class Simulation(NotCopyable):
         """Return how the scene is stepped, and on what; values of a plan are None without one."""
         plan = self._plan
         return {
-            "title": self.scene.title,
-            "stepper": self.config.stepper,
+            "title": self.scene.title, "stepper": self.config.stepper,
             "scheme": self.kind.name if self._stepper is None else self._stepper.name,
-            "dt": plan and plan.dt,
-            "steps_at_once": plan and plan.cycle,
-            "dt_rule": plan and plan.rule,
-            "stable_dt": self._limit,
-            "device": self.model.device,
-            "launch": self.model.shape,
-        }
+            "dt": plan and plan.dt, "steps_at_once": plan and plan.cycle,
+            "dt_rule": plan and plan.rule, "stable_dt": plan and self.stable_dt(),
+            "device": self.model.device, "launch": self.model.shape,
+        }  # fmt: skip
 
     def attributes(self, fields: Sequence[str] = ()) -> dict[str, object]:
         """Return the resolved configuration: the attributes of a file with some or all fields."""
@@ -727,15 +718,12 @@ class Simulation(NotCopyable):
         return {
             "references": self.scene.reference,
             **{name: value for name, value in known.items() if value is not None},
-            "identity": self.identity,
-            "code": code_fingerprint(),
-            "configuration": self.config.model_dump(mode="json"),
-            "stepper_options": self.options,
-            "days": self.days,
-            "start_step": self.steps,
+            "identity": self.identity, "code": code_fingerprint(),
+            "configuration": self.config.model_dump(mode="json"), "stepper_options": self.options,
+            "days": self.days, "start_step": self.steps,
             "user_diagnostics": {name: one.long_name for name, one in DIAGNOSTICS.items()},
             **self._plot_field(fields),
-        }
+        }  # fmt: skip
 
     def _plot_field(self, fields: Sequence[str]) -> dict[str, str]:
         """Return what a picture shows by default: the first tracer where the wind is prescribed.
@@ -812,7 +800,7 @@ class Simulation(NotCopyable):
         from swe_sphere.io.layout import plain
 
         self._begin_once()
-        self.release()  # the state may have been changed since
+        self._accept_since_run()
         HealthCheck(self).observe(self.snapshot)
         path = Path(path)
         arrays = dict(self.restart_arrays())

@@ -319,9 +319,8 @@ class KrylovBasis:
     def _stays_orthogonal(self, square: float, rest: float) -> bool:
         """Return whether one pass, after which `rest` of `square` remains, keeps orthogonality.
 
-        The pass amplifies an earlier loss of orthogonality: the products of the new row with the
-        others become |E c| / r + round-off |v| / r, and its length differs from one, by Pythagoras,
-        by c' E c / r^2.
+        The pass amplifies an earlier loss of orthogonality: products of the new row with the others
+        become |E c| / r + round-off |v| / r, and its length differs from one by c' E c / r^2.
         """
         if self._short:
             return True

@@ -67,7 +67,7 @@ class AdaptiveSteps(Trajectory):
             )
         if not (least := 0.5 * scheme.space.epsilon) <= tolerance < math.inf:
             raise ConfigError(
-                f"adaptive: the tolerance must be finite and at least {least:.1g}, got {tolerance}"
+                f"adaptive: the tolerance must be finite and at least {least:.3g}, got {tolerance}"
             )
         self.scheme, self._power = scheme, scheme.estimate_order
         self.name, self.order = scheme.name, scheme.order  # type: ignore[misc]
@@ -79,7 +79,7 @@ class AdaptiveSteps(Trajectory):
         self.next_dt = 0.0
         """Length of the next step [s], if the outer step leaves room for it."""
         self.cuts: deque[str] = deque(maxlen=CUTS_KEPT)
-        """The last steps that were taken back, since the start or a restart, in words."""
+        """The last steps that were taken back, since the run began or resumed, in words."""
         self._start = self.model.zeros()
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
@@ -91,7 +91,6 @@ class AdaptiveSteps(Trajectory):
             scale = solver.space.norm(self.state) / solver.rate
             part = self.tolerance ** (1.0 / self._power)
             self.next_dt = min(self.dt, float(max(CAUTION * part * scale, 1e-3 * self.dt)))
-        self.cuts.clear()
 
     def follow(self, earlier: Trajectory, t: float) -> None:
         self.load_state_dict(earlier.state_dict() | {"origin": np.array(t)}, 0)

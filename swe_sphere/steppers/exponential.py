@@ -195,8 +195,7 @@ class ExponentialMultistep(VariableStepper):
     steps before, phi_k = phi_k(dt J) with the exact J at x (Tokman 2006). Explicit dependence on
     time is a further variable: R_i contains - dF/dt (t_i - t), and dt^2 phi_2 dF/dt is added. The
     first steps, and those of another length than the one before, use exprb42, which has one step,
-    two stages and fourth order (Luan 2017). `tolerance`: as for `StageSolver`, of the error of the
-    Krylov solver in a step.
+    two stages and fourth order (Luan 2017). `tolerance`: as for `StageSolver`, of Krylov errors.
     """
 
     family = "exponential"

@@ -229,7 +229,7 @@ class ForwardBackward(DepthThenWind):
         super().__init__(model, dt)
         self.previous, self.older = model.zeros(), model.zeros()
         self.carried, self.pushed = self._passes.carried, self._passes.pushed
-        self._starter = RK4(model, dt)
+        self._starter = RK4(model.unpenalised(), dt)
         rows = level_weights(*self.weights_in(wind_share(model, model.initial_state())))
         self._winds, self._masses, self._depth = (self._passes.weights(*row) for row in rows)
 

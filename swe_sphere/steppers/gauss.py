@@ -32,8 +32,7 @@ class ForwardElimination(Preconditioner):
 
     Of A = L D U it keeps the lower triangle LD; A equals LD times a factor whose eigenvalues are
     all 1 (Rana et al. 2021, doi:10.1137/20M1389030). It eliminates forwards: y_1 = (I - d_1 dt
-    J)^-1 r_1, y_2 = (I - d_2 dt J)^-1 (r_2 + a_21 dt J y_1), where by the first equation dt J y_1 =
-    (y_1 - r_1)/d_1.
+    J)^-1 r_1, y_2 = (I - d_2 dt J)^-1 (r_2 + a_21 dt J y_1), with dt J y_1 = (y_1 - r_1)/d_1.
     """
 
     def __init__(self, model: Model, space: VectorSpace, parts: list[Preconditioner]) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 
 from swe_sphere.arrays import Array
+from swe_sphere.equations.effects import as_float
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.vectors import leapfrog
@@ -43,13 +44,13 @@ class Leapfrog(Stepper):
         super().__init__(model, dt)
         self._set_filter(strength, share)
         self.previous, self._slope, self._part = (model.zeros() for _ in range(3))
-        self._starter = self._make_starter(model)
+        self._starter = self._make_starter(model.unpenalised())
         (self._kernel,) = model.launch.compile(model.device_mesh.real, leapfrog)
 
     def _set_filter(self, strength: float | None, share: float | None) -> None:
         """Set strength and share of the filter; ConfigError unless both are from 0 to 1."""
-        strength = self.default_strength if strength is None else strength
-        share = self.default_share if share is None else share
+        strength = as_float(self.default_strength if strength is None else strength)
+        share = as_float(self.default_share if share is None else share)
         if not (0.0 <= strength <= 1.0 and 0.0 <= share <= 1.0):
             raise ConfigError(
                 f"{self.name}: strength and share of the filter must be from 0 to 1, got"

@@ -138,9 +138,14 @@ class SplitPenalty:
         self._middle, self._change = model.zeros(), model.zeros(2 * model.device_mesh.size)
         self._replay = Replay(model.launch)
 
-    def is_due(self, steps: int) -> bool:
-        """Return whether the penalty acts after that many steps, before the next one."""
-        return (steps - self.every // 2) % self.every < self._chains
+    def is_due(self, steps: int, before: int = 0) -> bool:
+        """Return whether the penalty acts before the next step.
+
+        steps: number of steps since the start; before: of those before it. A start between the
+        actions on two chains leaves one chain, on which the penalty has acted.
+        """
+        turn = (before + steps - self.every // 2) % self.every
+        return turn < self._chains and (turn <= steps or not before)
 
     def act(self, state: wp.array, follow: Callable[[wp.array], None] | None = None) -> None:
         """Damp the wind of the state; `follow` receives the change of the wind (2N,)."""

@@ -272,10 +272,14 @@ class Stepper(Trajectory, ABC):
     def begin(self, slope: wp.array) -> None:
         """Make the first guesses of a method with a solver from the initial slope."""
 
+    def _is_penalised(self, steps: int) -> bool:
+        """Return whether the penalty is due after that many steps; a start leaves its cycle."""
+        return self.penalty is not None and self.penalty.is_due(steps, round(self.origin / self.dt))
+
     def step(self) -> None:
         apart, limiter = self._apart, self.model.limiter
         with nullcontext() if self.solver is None else one_thread():
-            if self.penalty is not None and self.penalty.is_due(self.steps):
+            if self.penalty is not None and self._is_penalised(self.steps):
                 self.penalty.act(self.state, self.wind_changed)
             if apart is not None and self.steps % 2:
                 apart.act(self.state)
@@ -291,10 +295,10 @@ class Stepper(Trajectory, ABC):
         self.steps += 1
 
     def take(self, most: int) -> None:
-        following, penalty = range(self.steps, self.steps + self.at_once), self.penalty
+        following = range(self.steps, self.steps + self.at_once)
         repeats = type(self._replay) is Replay and self.steps >= (self.repeats_from or 0)
-        is_due = penalty is not None and any(map(penalty.is_due, following))
-        alone = self._apart is None and self.model.limiter is None and not is_due
+        alone = self._apart is None and self.model.limiter is None
+        alone = alone and not any(map(self._is_penalised, following))
         is_cut = self.model.device_mesh.strips is not None
         if not (repeats and alone and is_cut and 1 < self.at_once <= most):
             self.step()

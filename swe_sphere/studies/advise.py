@@ -122,7 +122,8 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
 
 def _seconds_a_day(space: Discretisation, common: dict[str, Any]) -> float:
     """Return the time [s] of a day of rk4 with its longest step: CPU time, on a GPU wall time."""
-    sim = space.simulation(make_config(common | {"stepper": "rk4"}))
+    explicit = {"stepper": "rk4", "settings": space.config.scene_settings}
+    sim = space.simulation(make_config(common | explicit))
     clock = time.process_time if sim.model.device == "cpu" else time.perf_counter
     times = []
     for _ in range(TIMED_STEPS):

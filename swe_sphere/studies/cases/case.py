@@ -293,8 +293,7 @@ def choose(
         quick: Whether to return the quick form of the cases that have one.
         launch: Shape of kernel launches; None: as the cases state.
 
-    Raises:
-        ConfigError: an unknown name or shape, or no case remains.
+    Raises ConfigError for an unknown name or shape, or if no case remains.
     """
     cases = [case for family in families(folder).values() for case in family.cases]
     known = [(case.family, case.scene, case.name) for case in cases]

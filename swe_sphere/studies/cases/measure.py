@@ -132,15 +132,12 @@ def _extremes(sim: Simulation) -> dict[str, float]:
     integrals, _ = sim.initial_numbers
     found = {
         "area": abs(float(mesh.area.sum()) / (4.0 * math.pi * mesh.radius**2) - 1.0),
-        "mean_depth": integrals["mass"],
-        "energy": integrals["energy"],
-        "enstrophy": integrals["potential_enstrophy"],
-        "max_wind": integrals["max_wind"],
+        "mean_depth": integrals["mass"], "energy": integrals["energy"],
+        "enstrophy": integrals["potential_enstrophy"], "max_wind": integrals["max_wind"],
         "mean_bottom": area_mean(mesh.area, model.bottom),
         "rms_coriolis": math.sqrt(area_mean(mesh.area, model.coriolis**2)),
-        "max_v": float(np.abs(sim.snapshot.fields["v"]).max()),
-        "max_speed": end["max_wind"],
-    }
+        "max_v": float(np.abs(sim.snapshot.fields["v"]).max()), "max_speed": end["max_wind"],
+    }  # fmt: skip
     if names := tuple(sim.scene.tracers or ()):
         under = [float(before[f"q_{name}"].min()) - end[f"min_q_{name}"] for name in names]
         over = [end[f"max_q_{name}"] - float(before[f"q_{name}"].max()) for name in names]
@@ -284,12 +281,10 @@ def _series(case: Case, run: RunConfig, tick: Tick | None) -> Summary:
     ended = _stepped(case, sim, tick, series)
     costs = sim.counts()
     numbers = series.numbers() | {
-        "dt": sim.plan.dt,
-        "dt_over_gravity": sim.plan.dt / sim.gravity_limit,
-        "steps": float(sim.steps),
-        "step_seconds": sim.wall_seconds,
+        "dt": sim.plan.dt, "dt_over_gravity": sim.plan.dt / sim.gravity_limit,
+        "steps": float(sim.steps), "step_seconds": sim.wall_seconds,
         **{name: float(costs[name]) for name in COSTS if name in costs},
-    }
+    }  # fmt: skip
     if ended.completed and isinstance(case.against, dict):
         other = _compared(sim, case, case.against)
         errors = field_errors(sim.mesh.area, sim.snapshot.fields, other)

@@ -113,8 +113,7 @@ def run_sweep(
     own: a scene that replaces the one that the plan names.
 
     Raises:
-        ConfigError: the plan cannot be carried out in that folder, or another sweep is running
-            there.
+        ConfigError: the plan does not suit that folder, or another sweep is running there.
         RunFailed: the results cannot be written.
         Interrupted: the user asked to stop; the dataset of finished runs has been written.
     """
@@ -160,12 +159,7 @@ class Sweep:
         self._everyone = study.integrators()
 
     def run(self) -> None:
-        """Run all missing runs.
-
-        Raises:
-            Interrupted: the user asked to stop; all finished runs are kept.
-            RunFailed: the disk fails.
-        """
+        """Run all missing runs; Interrupted if the user stops them, RunFailed if the disk fails."""
         plan = self._plan
         with self._runner.interruption:
             for space in self._study.spaces():

@@ -325,7 +325,8 @@ class Evaluator:
         key = (space.mesh.ne, space.mesh.np)
         if key not in self._converged:
             study = self._study
-            integrator = study.integrator(study.at(*key), STEPPER)
+            at, settings = study.at(*key), space.config.scene_settings
+            integrator = study.integrator(at, STEPPER, settings=settings)
             longest = 2.0 * PART * integrator.stable_dt
             twice = study.steps(min(longest, study.interval), automatic=True)
             plans = [

@@ -32,7 +32,7 @@ from swe_sphere.files.fingerprints import (
     fingerprint,
     processor,
 )
-from swe_sphere.files.user_file import call_custom, is_custom, is_user_file
+from swe_sphere.files.user_file import is_custom, is_user_file
 from swe_sphere.io.integrals import Fields
 from swe_sphere.io.reference_solution import Reference
 from swe_sphere.operators import find_device
@@ -177,7 +177,7 @@ class Discretisation:
         self.config, self._own = config, own
         self.scene = make_scene(config, own)
         self.mesh = make_mesh(config, self.scene)
-        self._spectra: dict[type[Stepper], Spectrum] = {}
+        self._spectra: dict[type[Stepper], list[Spectrum]] = {}
 
     @cached_property
     def identity(self) -> str:
@@ -213,7 +213,8 @@ class Discretisation:
     @cached_property
     def sim(self) -> Simulation:
         """A simulation in its initial state that belongs to no run."""
-        return self.simulation(self.config)
+        plain = {"settings": self.config.scene_settings}
+        return self.simulation(self.config.model_copy(update=plain))
 
     @cached_property
     def limits(self) -> dict[str, float]:
@@ -230,13 +231,13 @@ class Discretisation:
         return {"gravity_limit": gravity, "advective_limit": advective}
 
     def stable_dt(self, kind: type[Stepper]) -> float:
-        """Return the approximate stability limit [s] of a stepper at the initial state, or inf."""
+        """Return the approximate stability limit [s] of a stepper in a run, or infinity."""
         own = kind.spectrum.__func__ is not Stepper.spectrum.__func__  # type: ignore[attr-defined]
         of = kind if own else Stepper
         if of not in self._spectra:
             model = self.sim.model
-            label = f"spectrum of stepper {kind.name}"
-            self._spectra[of] = call_custom(label, of.spectrum, model, model.initial_state())
+            times = planning.limiting_times(model, self.sim.days)
+            self._spectra[of] = planning.run_spectra(kind, model, times)
         return planning.stability_limit(kind, self._spectra[of])
 
 
@@ -275,7 +276,8 @@ class Study:
         """Return the scene on the mesh and in the precision, built at the first request."""
         key = (ne, np, precision)
         if key not in self._known:
-            config = self.plan.run_config(ne=ne, np=np, precision=precision)
+            mesh = {"ne": ne, "np": np, "precision": precision}
+            config = self.plan.run_config(**mesh, days=self.days)
             self._known[key] = Discretisation(config, self._own)
         return self._known[key]
 
@@ -418,12 +420,12 @@ class Integrator:
 
     @property
     def stable_dt(self) -> float:
-        """Approximate stability limit at the initial state [s]; infinite if there is none."""
+        """Approximate stability limit [s]; infinite if there is none."""
         return self.space.stable_dt(self.kind)
 
     @property
     def safe_dt(self) -> float:
-        """Safe fraction of the stability limit at the initial state [s]; infinite without one."""
+        """Safe fraction of the stability limit [s]; infinite without one."""
         return self.kind.safety * self.stable_dt
 
     def spec(self, dt: float, role: Role = "grid") -> RunSpec:
