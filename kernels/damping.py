@@ -1,12 +1,15 @@
 """Damping of the modes of each element, which approximates a solve of implicit diffusion."""
 
+import functools
+from typing import Any
+
 import warp as wp
 
-from swe_sphere.kernels.define import kernel, real, value, vector
+from swe_sphere.kernels.define import kernel, lanes, real, value, vector
 from swe_sphere.kernels.metric import basis, covariant_wind, gradient
 from swe_sphere.kernels.simd.arithmetic import mul
-from swe_sphere.kernels.simd.memory import Places, gather_one, load_given, nodes
-from swe_sphere.kernels.terms import across, along, given, local, np_, share, state
+from swe_sphere.kernels.simd.memory import Places, converting, gather, load, load_given, nodes
+from swe_sphere.kernels.terms import across, along, local, np_, share, state
 
 matrix, each = wp.array2d(dtype=real), wp.array2d(dtype=value)
 
@@ -60,8 +63,18 @@ def physical(weight: matrix, basis: basis, first: local, second: local, east: lo
         north[e, n, 0] = w * v
 
 
-@kernel
-def joined(places: Places, inverse_area: vector, field: vector, first: int, out: state):
-    """Apply DSS to one field; runs over nodes."""
-    node = wp.tid()
-    out[first + node] = given(inverse_area[node] * gather_one(field, places, node, 0))
+@functools.cache
+def joined_kernel(given: Any) -> Any:
+    """Return the kernel that applies DSS to one field, for a result of the number type `given`."""
+    _, put_as = converting(given)
+
+    @kernel
+    def joined(
+        begin: int, places: Places, inverse_area: vector, field: vector, first: int,
+        out: wp.array(dtype=given),
+    ):  # fmt: skip
+        node = begin + lanes * wp.tid()
+        mean = mul(load(inverse_area, node), gather(field, places, node, 0))
+        put_as(out, first + node, mean)
+
+    return joined

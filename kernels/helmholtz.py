@@ -13,11 +13,12 @@ The kernels require `KernelTypes` with `Terms.waves`. They run over (groups, np*
 threads, or, if they write a vector of nodes, over N threads.
 """
 
+import functools
 from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import Name, func, kernel, real, value, vector
+from swe_sphere.kernels.define import Name, func, kernel, lanes, real, value, vector
 from swe_sphere.kernels.metric import divergence as div
 from swe_sphere.kernels.metric import dot
 from swe_sphere.kernels.metric import gradient as grad
@@ -26,10 +27,13 @@ from swe_sphere.kernels.simd.memory import (
     Numbers,
     Places,
     address,
-    gather_one,
+    converting,
+    gather,
+    load,
     load_given,
     load_runs,
     nodes,
+    pick,
 )
 from swe_sphere.kernels.terms import across, along, geometry, given, local, np_, share, state
 
@@ -150,21 +154,32 @@ def chebyshev(
         x[e, n, 0] = x[e, n, 0] + beta * step
 
 
-@kernel
-def substitute(
-    begin: int, places: Places, place: Numbers, inverse_area: vector, same: vector, cross: vector,
-    size: int, east: vector, north: vector, h: vector, r: state, tau_g: real, out: state,
-):  # fmt: skip
-    """Store the wind that follows from the depth, and the depth."""
-    node = begin + wp.tid()
-    scale = tau_g * inverse_area[node]
-    u = real(r[node]) - scale * gather_one(east, places, node, 0)
-    v = real(r[size + node]) - scale * gather_one(north, places, node, 0)
-    s = same[node]
-    c = cross[node]
-    out[node] = given(s * u + c * v)
-    out[size + node] = given(s * v - c * u)
-    out[2 * size + node] = given(h[place[node]])
+@functools.cache
+def substitute_kernel(given: Any) -> Any:
+    """Return the kernel that stores the wind that follows from the depth, and the depth.
+
+    The states r and `out` (3N,) have the number type `given`.
+    """
+    load_as, put_as = converting(given)
+    state = wp.array(dtype=given)
+
+    @kernel
+    def substitute(
+        begin: int, places: Places, place: Numbers, inverse_area: vector, same: vector,
+        cross: vector, size: int, east: vector, north: vector, h: vector, r: state, tau_g: real,
+        out: state,
+    ):  # fmt: skip
+        node = begin + lanes * wp.tid()
+        scale = tau_g * load(inverse_area, node)
+        u = load_as(r, node) - mul(scale, gather(east, places, node, 0))
+        v = load_as(r, size + node) - mul(scale, gather(north, places, node, 0))
+        s = load(same, node)
+        c = load(cross, node)
+        put_as(out, node, mul(s, u) + mul(c, v))
+        put_as(out, size + node, mul(s, v) - mul(c, u))
+        put_as(out, 2 * size + node, pick(h, place, node))
+
+    return substitute
 
 
 @kernel

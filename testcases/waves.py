@@ -24,11 +24,9 @@ from swe_sphere.testcases.flows import ROTATING, at_rest, build_scene
 from swe_sphere.testcases.harmonics import Complex, GaussGrid, synthesis
 
 TIDES = {
-    "m2": (2, 0.242334, 1.405189e-4),
-    "s2": (2, 0.112743, 1.454441e-4),
-    "k1": (1, 0.141565, 7.292117e-5),
-    "o1": (1, 0.100661, 6.759774e-5),
-}
+    "m2": (2, 0.242334, 1.405189e-4), "s2": (2, 0.112743, 1.454441e-4),
+    "k1": (1, 0.141565, 7.292117e-5), "o1": (1, 0.100661, 6.759774e-5),
+}  # fmt: skip
 """Highs per circle of latitude, amplitude A [m] and frequency ω [s-1] by constituent.
 
 The values are those of Arbic et al. (2004) for a rigid Earth.
@@ -267,11 +265,9 @@ def _period(frequency: float, digits: int) -> float:
 def hough_wave(wave: Wave, k: int, n: int, depth: float, amplitude: float) -> HoughWave:
     """Return a normal mode; the arguments are those of `hough`."""
     place = {
-        "westward": FUNCTIONS - n,
-        "rossby": FUNCTIONS + n - 1,
-        "kelvin": 2 * FUNCTIONS,
+        "westward": FUNCTIONS - n, "rossby": FUNCTIONS + n - 1, "kelvin": 2 * FUNCTIONS,
         "eastward": 2 * FUNCTIONS + n,
-    }[wave]
+    }[wave]  # fmt: skip
     found = TidalEquations(k, depth, EARTH, FUNCTIONS).mode(place)
     sizes = np.abs(found.coefficients).max(axis=2)
     if np.any(sizes[:, -3:].max(axis=1) > 1e-8 * sizes.max(axis=1)):

@@ -98,6 +98,8 @@ def kernels(real: type) -> list[wp.Kernel]:
         specialise(leapfrog, real),
         restrict,
         prolong,
+        specialise(helmholtz.substitute_kernel(real), wp.float32),
+        specialise(damping.joined_kernel(real), wp.float32),
         *(kernel for module in (helmholtz, coarse, damping) for kernel in kernels_of(module)),
         *(field_kernel(outer, formula) for formula in (gradient, transport(), transport(True))),
         *(

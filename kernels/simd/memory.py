@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.kernels.define import Name, Register, index, kernel, value, vector
+from swe_sphere.kernels.define import Name, Register, index, kernel, source, value, vector
 
 CONTRIBUTORS = 4
 Contributors = wp.types.vector(CONTRIBUTORS, wp.int32)
@@ -83,18 +83,10 @@ def _load_nodes(register: Register, given: Any) -> Any:
 @functools.cache
 def _load_runs(register: Register) -> Any:
     lanes = [*range(register.lanes)]
+    each = ", ".join(f"at[node.c[{lane}]]" for lane in lanes)
+    whole = source("load_runs", lanes=str(lanes)[1:-1], each=each)
 
-    @Register.func_native(f"""
-        const auto at = x.data;
-        run r;
-        if (node.c[0] < 0) {{
-            const run first = *runs(at + ~node.c[0]), second = *runs(at + node.c[1]);
-            typedef decltype(first < second) places;
-            r = places{{{", ".join(map(str, lanes))}}} < places(node.c[2]) ? first : second;
-        }} else
-            r = run{{{", ".join(f"at[node.c[{lane}]]" for lane in lanes)}}};
-        return as_value(r);
-    """ if len(lanes) > 1 else "return x.data[node];")  # fmt: skip
+    @Register.func_native(whole if len(lanes) > 1 else "return x.data[node];")
     def load_runs(x: vector, node: index) -> value: ...
 
     return load_runs.find(register)
@@ -102,6 +94,27 @@ def _load_runs(register: Register) -> Any:
 
 load_runs: Any = Name(_load_runs)
 """Function (x, places) that loads x at places returned by `in_two_runs`."""
+
+
+@functools.cache
+def converting(given: Any) -> tuple[Any, Any]:
+    """Return device functions (x, i) and (x, i, v) that load and store x[i] and what follows.
+
+    x is a contiguous array of the number type `given`; a register holds converted numbers.
+    """
+
+    @Register.func_native(source("load_as"))
+    def load_as(x: wp.array(dtype=given), i: int) -> value: ...
+
+    @Register.func_native(source("put_as", given=given.__name__))
+    def put_as(x: wp.array(dtype=given), i: int, v: value): ...
+
+    return load_as, put_as
+
+
+@Register.func_native(source("pick"))
+def pick(x: vector, places: Numbers, first: int) -> value:
+    """Return x at the places from `first` on."""
 
 
 def in_two_runs(places: NDArray[np.integer]) -> NDArray[np.integer]:
@@ -129,19 +142,7 @@ load_given: Any = Name(lambda of: _load_nodes(of.register, of.given), of_element
 def _gather(register: Register) -> Any:
     each = ", ".join(f"sum({lane})" for lane in range(register.lanes))
 
-    @Register.func_native(f"""
-        const auto sum = [&](int lane) {{
-            const auto at = places.data[first + lane];
-            auto total = local.data[at.c[0] + offset];
-            if (at.c[1] >= 0) {{
-                total += local.data[at.c[1] + offset];
-                if (at.c[2] >= 0)
-                    total += local.data[at.c[2] + offset] + local.data[at.c[3] + offset];
-            }}
-            return total;
-        }};
-        return as_value(run{{{each}}});
-    """)
+    @Register.func_native(source("gather", each=each))
     def gather(local: vector, places: Places, first: int, offset: int) -> value: ...
 
     return gather.find(register)
@@ -149,5 +150,3 @@ def _gather(register: Register) -> Any:
 
 gather: Any = Name(_gather)
 """Function (local, places, first, offset): DSS of nodes from `first` on by their `Contributors`."""
-gather_one: Any = Name(lambda of: _gather(Register(of.real)))
-"""Variant of `gather` for one node."""

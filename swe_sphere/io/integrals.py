@@ -23,12 +23,10 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.planet import Planet
 
 DRIFTS = {
-    "mass_drift": "mass",
-    "energy_drift": "energy",
-    "enstrophy_drift": "potential_enstrophy",
+    "mass_drift": "mass", "energy_drift": "energy", "enstrophy_drift": "potential_enstrophy",
     "angular_momentum_drift": "axial_angular_momentum",
     "equatorial_momentum_drift": "equatorial_angular_momentum",
-}
+}  # fmt: skip
 """Name of each relative drift, and of the integral that drifts."""
 AXES = ("angular_momentum_x", "angular_momentum_y", "angular_momentum_z")
 """Components of the angular momentum, whose length is the scale of its drifts."""

@@ -142,12 +142,10 @@ def file_dataset(
         usual = {"long_name": name.replace("_", " "), "units": "1"}
         data[name] = (SERIES, unknown, {**MISSING, **VARIABLES["series"].get(name, usual), **own})
     about = {
-        **attributes,
-        "Conventions": "CF-1.11 UGRID-1.0",
+        **attributes, "Conventions": "CF-1.11 UGRID-1.0",
         "source": f"swe_sphere {__version__}: spectral elements on the cubed sphere",
-        SUMMARY: " " * SUMMARY_BYTES,
-        **mesh_attributes(mesh),
-    }
+        SUMMARY: " " * SUMMARY_BYTES, **mesh_attributes(mesh),
+    }  # fmt: skip
     return xr.Dataset(data, attrs=plain(about))
 
 

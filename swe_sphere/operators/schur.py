@@ -24,7 +24,7 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.kernels import Terms, helmholtz, specialise
-from swe_sphere.kernels.damping import covariant, damp, joined, physical
+from swe_sphere.kernels.damping import covariant, damp, joined_kernel, physical
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import sparse
 from swe_sphere.operators.device_mesh import DeviceMesh, Field
@@ -50,9 +50,10 @@ class Damping:
         self._mesh, self._launch = mesh, mesh.launch
         types = mesh.types(given=given)
         self._dim = mesh.groups, mesh.points // types.share
-        self._filter, self._covariant, self._physical, self._joined = mesh.launch.compile(
-            types, damp, covariant, physical, joined
+        self._filter, self._covariant, self._physical = mesh.launch.compile(
+            types, damp, covariant, physical
         )
+        self._joined = mesh.over_nodes(joined_kernel(given))
         d, weights, basis = mesh.mesh.derivative, mesh.mesh.gll_weights, mesh.mesh.basis
         squares, vectors = scipy.linalg.eigh(d.T @ np.diag(weights) @ d, np.diag(weights))
         squares = np.maximum(squares, 0.0)  # eigenvalues of the weak Laplacian on [-1, 1]
@@ -116,10 +117,7 @@ class Damping:
     def _join(self, local: Field, block: int, out: wp.array) -> None:
         mesh = self._mesh
         mesh.exchange(local)
-        self._launch(
-            self._joined, mesh.size, mesh.places(1), mesh.inverse_area, local.flat,
-            block * mesh.size, out,
-        )  # fmt: skip
+        self._joined(mesh.places(1), mesh.inverse_area, local.flat, block * mesh.size, out)
 
 
 Step = tuple[float, float, float]
@@ -166,9 +164,10 @@ class SchurOperator:
         """Operator F of implicit diffusion; None without diffusion."""
         self._gradient, self._wind_fluxes, self._slope_fluxes, *others = mesh.launch.compile(
             types, helmholtz.gradient, helmholtz.wind_fluxes, helmholtz.slope_fluxes,
-            helmholtz.eliminate, helmholtz.chebyshev, helmholtz.substitute,
+            helmholtz.eliminate, helmholtz.chebyshev,
         )  # fmt: skip
-        self._eliminated, self._chebyshev, self._substituted = others
+        self._eliminated, self._chebyshev = others
+        self._substituted = mesh.over_nodes(helmholtz.substitute_kernel(given))
         if not self._together:
             (self._divergence,) = mesh.launch.compile(types, helmholtz.divergence)
 
@@ -226,10 +225,9 @@ class SchurOperator:
         if self.damping is not None:
             r = self.damping.state
         self._differentiate(h)
-        self.mesh.launch_over_fields(
-            self._substituted, self.size, self.mesh.places(1), self.mesh.place,
-            self.mesh.inverse_area, self._same, self._cross, self.size, self._east.flat,
-            self._north.flat, h.flat, r, self.tau * self.gravity, out,
+        self._substituted(
+            self.mesh.places(1), self.mesh.place, self.mesh.inverse_area, self._same, self._cross,
+            self.size, self._east.flat, self._north.flat, h.flat, r, self.tau * self.gravity, out,
         )  # fmt: skip
         if self.damping is not None:
             self.damping.damp_depth(h, out)

@@ -16,11 +16,9 @@ which vanish on dark and on light paper."""
 ROUND = 2.0**-53
 STYLES = ("-", "--", "-.", ":", "-", "--")
 ERRORS = {
-    "l2_h": "$l_2$ height",
-    "linf_h": r"$l_\infty$ height",
-    "l2_v": "$l_2$ wind",
+    "l2_h": "$l_2$ height", "linf_h": r"$l_\infty$ height", "l2_v": "$l_2$ wind",
     "linf_v": r"$l_\infty$ wind",
-}
+}  # fmt: skip
 
 
 class Panel(NamedTuple):

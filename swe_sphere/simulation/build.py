@@ -39,11 +39,9 @@ if TYPE_CHECKING:
 
 
 SHIPPED: dict[str, tuple[str, tuple[str, ...]]] = {
-    "williamson5": ("williamson5", ()),
-    "williamson6": ("williamson6", ()),
-    "galewsky": ("galewsky", ()),
-    "galewsky_viscous": ("galewsky", ("viscosity.nu=1e5",)),
-}
+    "williamson5": ("williamson5", ()), "williamson6": ("williamson6", ()),
+    "galewsky": ("galewsky", ()), "galewsky_viscous": ("galewsky", ("viscosity.nu=1e5",)),
+}  # fmt: skip
 """Solutions that come with the package: the scene and the settings of each."""
 DECISIVE = [
     *inspect.signature(Scene).parameters.keys()
@@ -159,12 +157,10 @@ def check_mesh(config: RunConfig, scene: Scene) -> dict[str, Any]:
     """
     values: dict[str, Any] = {
         "ne": scene.ne if config.ne is None else config.ne,
-        "np": scene.np if config.np is None else config.np,
-        "radius": scene.planet.radius,
-        "stretch": config.stretch,
-        "centre": (config.centre_lon, config.centre_lat),
+        "np": scene.np if config.np is None else config.np, "radius": scene.planet.radius,
+        "stretch": config.stretch, "centre": (config.centre_lon, config.centre_lat),
         "spin": config.spin,
-    }
+    }  # fmt: skip
     check_ranks(values["ne"], world().size)
     check_memory(config, scene, values["ne"], values["np"])
     check_settings(**values)

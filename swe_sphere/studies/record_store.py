@@ -43,11 +43,9 @@ def attempt(work: Callable[[], Summary]) -> Summary:
 
 
 def stepped(
-    sim: Simulation,
-    observers: Sequence[Observer] = (),
-    time_limit: float | None = None,
+    sim: Simulation, observers: Sequence[Observer] = (), time_limit: float | None = None,
     interruption: Interruption | None = None,
-) -> Summary:
+) -> Summary:  # fmt: skip
     """Step a simulation to its end, as its `advance` does; any error of a step ends it too.
 
     Raises Interrupted if the user asked to stop.

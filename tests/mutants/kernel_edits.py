@@ -199,14 +199,14 @@ KERNELS = (
     ),
     Edit(
         "DSS misses the fourth contributor",
-        "kernels/simd/memory.py",
+        "kernels/simd/gather.cpp",
         STEADY,
         _GATHER,
         "total += local.data[at.c[2] + offset]",
     ),
     Edit(
         "DSS counts a contributor twice",
-        "kernels/simd/memory.py",
+        "kernels/simd/gather.cpp",
         STEADY,
         _GATHER,
         _GATHER.replace("at.c[3]", "at.c[2]"),

@@ -148,12 +148,10 @@ class Case(BaseModel):
         orders = zip(("order", "order_v"), self.order or (), strict=False)
         room = {name: self.tolerance * abs(value) for name, value in self.values.items()}
         return [
-            *read_limits(self.always, always=True),
-            *read_limits(dict(norms)),
-            *(Check(name, low=low) for name, low in orders),
-            *read_limits(self.bounds),
+            *read_limits(self.always, always=True), *read_limits(dict(norms)),
+            *(Check(name, low=low) for name, low in orders), *read_limits(self.bounds),
             *(Check(n, x + room[n], x - room[n]) for n, x in self.values.items()),
-        ]
+        ]  # fmt: skip
 
     @property
     def is_timed(self) -> bool:
@@ -229,10 +227,8 @@ class Table(Case):
             # the quick form is limited to np 4: each further np compiles further kernels
             few = [seed for seed in seeds if random_setting(seed)[0]["np"] == 4][:2]
             case = Case.model_validate(own | {
-                "name": f"{self.name}-{stepper}",
-                "run": self.run | {"stepper": stepper},
-                "seeds": tuple(seeds),
-                "is_quick": stepper in self.quick,
+                "name": f"{self.name}-{stepper}", "run": self.run | {"stepper": stepper},
+                "seeds": tuple(seeds), "is_quick": stepper in self.quick,
                 "quickly": self.quickly | ({"seeds": few} if seeds else {}),
             })  # fmt: skip
             is_needed = self.remedied is None or stepper in self.remedied

@@ -207,11 +207,9 @@ class Series(Observer):
         found = {name: np.abs(of[name]).max() for name in CHANGES} | {
             "max_wind": winds.max(),
             "wind_growth": winds.max() / winds[0] if winds[0] > 0.0 else math.nan,
-            "froude": (winds / of["max_wave"]).max(),
-            "min_depth": of["min_depth"].min(),
-            "energy_gain": of["energy_drift"].max(),
-            "last_day": days[-1],
-        }
+            "froude": (winds / of["max_wave"]).max(), "min_depth": of["min_depth"].min(),
+            "energy_gain": of["energy_drift"].max(), "last_day": days[-1],
+        }  # fmt: skip
         found |= {name: of[name][-1] for name in ERRORS_AT_END if name in of}
         found |= {f"growth_{x}": _growth(of[f"l2_{x}"]) for x in "hv" if f"l2_{x}" in of}
         if "off_wave" in of:

@@ -271,13 +271,11 @@ def random_setting(seed: int) -> tuple[dict[str, Any], dict[str, float]]:
     draw = np.random.default_rng((seed, 1))
     nodes = int(draw.choice([3, 4, 6]))
     mesh = {
-        "np": nodes,
-        "ne": int(draw.integers(2, 5 if nodes == 6 else 7)),
+        "np": nodes, "ne": int(draw.integers(2, 5 if nodes == 6 else 7)),
         "stretch": float(draw.choice([1.0, 1.0, 2.0, 4.0])),
         "centre_lon": float(draw.uniform(0.0, 360.0)),
-        "centre_lat": float(draw.uniform(-86.0, 86.0)),
-        "spin": float(draw.uniform(0.0, 86.0)),
-    }
+        "centre_lat": float(draw.uniform(-86.0, 86.0)), "spin": float(draw.uniform(0.0, 86.0)),
+    }  # fmt: skip
     part = float(draw.uniform(0.3, 0.95))
     return mesh, {"part": part, "courant": float(10.0 ** draw.uniform(0.0, 1.5))}
 

@@ -138,11 +138,9 @@ def run_table(runs: pd.DataFrame, short: bool = False) -> pd.DataFrame:
 
 
 def write_report(
-    datasets: Dataset | Mapping[str, Dataset],
-    out: str | os.PathLike[str],
-    *,
+    datasets: Dataset | Mapping[str, Dataset], out: str | os.PathLike[str], *,
     recipe: Recipe | None = None,
-) -> Path:
+) -> Path:  # fmt: skip
     """Write index.html and its figures (SVG) into a folder.
 
     datasets: what `sweep` returns, or several by name: a section each.

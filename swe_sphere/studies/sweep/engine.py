@@ -59,12 +59,10 @@ Part = tuple[int, int | None]
 
 def sweep(
     scene: str | os.PathLike[str] | Scene,
-    steppers: str | type[Stepper] | Sequence[str | os.PathLike[str] | type[Stepper]],
-    *,
-    out: str | os.PathLike[str] | None = None,
-    watcher: SweepWatcher | None = None,
+    steppers: str | type[Stepper] | Sequence[str | os.PathLike[str] | type[Stepper]], *,
+    out: str | os.PathLike[str] | None = None, watcher: SweepWatcher | None = None,
     **options: object,
-) -> xr.Dataset:
+) -> xr.Dataset:  # fmt: skip
     """Run steppers over a range of steps on a scene, and return the results.
 
     Args:

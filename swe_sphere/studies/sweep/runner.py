@@ -234,11 +234,9 @@ class Runner:
         return [run for (key, _), run in self._known.items() if key == spec.key]
 
     def run(
-        self,
-        spec: RunSpec,
-        evaluate: Callable[[Discretisation, History], list[Errors]] | None = None,
-        repeat: int = 0,
-    ) -> RunRecord:
+        self, spec: RunSpec,
+        evaluate: Callable[[Discretisation, History], list[Errors]] | None = None, repeat: int = 0,
+    ) -> RunRecord:  # fmt: skip
         """Return the record of a run, which is performed unless its record is known.
 
         evaluate: computes its errors. Raises Interrupted on request, RunFailed if the disk fails.
