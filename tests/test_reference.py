@@ -209,8 +209,11 @@ def test_one_frame_of_a_regridded_run_is_a_reference(runs, tmp_path):
     assert sim.reference.nearest(None) == 5.0 * DAY
 
 
-def test_time_is_that_asked_for(runs):
-    assert compare(runs["first"], runs["grid"], "h", time=0.0)["l2"] == pytest.approx(0.5, rel=1e-4)
+def test_time_is_that_asked_for(runs, tmp_path):
+    grid = write_grid(tmp_path / "grid.nc", title="smooth")  # of no time
+    assert compare(runs["first"], grid, "h", time=0.0)["l2"] == pytest.approx(0.5, rel=1e-4)
+    with pytest.raises(ConfigError, match="no frame at day 0: the last ones are at day 5"):
+        compare(runs["first"], runs["grid"], "h", time=0.0)
     with pytest.raises(ConfigError, match="no frame at day 3: the last ones are at day 0, 5"):
         compare(runs["first"], runs["second"], time=3.0 * DAY)
 
@@ -392,3 +395,10 @@ def test_a_scene_with_another_function_is_not_compared_with_the_reference_of_the
         higher = replace(scene, bottom=lambda lon, lat: bottom(lon, lat) + hill(lon, lat))
         assert shipped_solution(higher, day) is None
         assert Simulation(higher, ne=2, np=4).run(days=day / 3)["l2_h"] is None
+
+
+def test_a_reference_of_one_day_has_no_frame_of_another():
+    reference = Reference(SHIPPED / "williamson5_day5.nc")
+    assert reference.frame(5.0 * DAY).keys() == reference.frame().keys()
+    with pytest.raises(ConfigError, match="holds no frame at day 6: the last ones are at day 5"):
+        reference.frame(6.0 * DAY)

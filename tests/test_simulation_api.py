@@ -2,8 +2,10 @@
 
 import copy
 import json
+import os
 import pickle
 import re
+import signal
 import time
 from dataclasses import replace
 from itertools import product
@@ -16,7 +18,8 @@ import warp as wp
 import xarray as xr
 
 from swe_sphere.analysis.accessor import open_run
-from swe_sphere.equations.effects import Drag
+from swe_sphere.equations.effects import Drag, Forcing, Rotation
+from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.layout import VARIABLES
 from swe_sphere.io.runfile import RunFile
@@ -503,6 +506,42 @@ def test_a_state_that_changes_between_runs_is_a_new_beginning(stepper, by, tmp_p
         sim.step()
     sim.run(days=1 / 6, callbacks=[Halving()] if by == "observer" else [])
     np.testing.assert_array_equal(sim.stepper.state.numpy(), within.stepper.state.numpy())
+
+
+def test_a_checkpoint_of_a_changed_scene_needs_the_scene(tmp_path):
+    plain = get_scene("williamson5")
+    own = replace(plain, bottom=lambda lon, lat: 0.9 * plain.bottom(lon, lat))
+    Simulation(own, **SMALL).run(days=0.25, out=tmp_path / "a.nc")
+    with pytest.raises(
+        ConfigError, match=r"own_functions is 'bottom' there .* give the scene itself"
+    ):
+        Simulation.from_checkpoint(tmp_path / "a.nc")
+    resumed = Simulation.from_checkpoint(tmp_path / "a.nc", own)
+    assert resumed.run(days=0.5).status == "completed"
+
+
+def test_energy_that_a_forcing_added_before_is_no_growth():
+    """The wind reaches 60 m/s within hours, and the forcing has ended when the run continues."""
+
+    def forcing(lon, lat, t):
+        rate = 60.0 / 10800.0 * np.exp(-t / 10800.0)
+        return rate * np.cos(lat), 0.0 * lon, 0.0 * lon
+
+    scene = Scene(
+        "puff", (Rotation(), Forcing()), lambda lon, lat: (5.0 * np.cos(lat), 0.0, 20.0),
+        forcing=forcing, ne=2, np=4, days=2.0,
+    )  # fmt: skip
+    sim = Simulation(scene, dt=600.0)
+    assert [sim.run(days=days).status for days in (1, 2)] == ["completed"] * 2
+
+
+def test_a_signal_during_the_last_step_leaves_the_run_complete():
+    def end(sim):
+        if sim.steps == sim.plan.steps:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    summary = small().run(days=0.25, callbacks=[end], raises=False)
+    assert (summary.status, summary["days"]) == ("completed", 0.25)
 
 
 def test_steps_before_a_run_do_not_make_it_start_again():

@@ -86,6 +86,20 @@ def test_a_changed_function_of_a_scene_makes_other_runs(tmp_path, scene):
     assert count(tmp_path) == before
 
 
+def test_a_forcing_that_acts_between_samples_makes_other_runs(tmp_path):
+    def pulse(rate):
+        def forcing(lon, lat, t):
+            s = rate * np.exp(-(((t - 13000.0) / 500.0) ** 2))
+            return s * np.cos(lat), 0.0 * lon, 0.0 * lon
+
+        plain = get_scene("williamson2")
+        return replace(plain, exact=None, forcing=forcing, effects=(*plain.effects, Forcing()))
+
+    given = {"ne": 2, "np": 4, "days": 0.25, "dt": 1080.0, "repeats": 1, "out": tmp_path}
+    drifts = [sweep(pulse(rate), "rk4", **given).energy_drift.values for rate in (1e-3, 1e-2)]
+    assert np.abs(drifts[1]).max() > 2.0 * np.abs(drifts[0]).max()
+
+
 def test_runs_are_made_again_for_a_new_or_changed_diagnostic(tmp_path):
     sweep("williamson2", "rk4", out=tmp_path, **TINY)
     for value in (1.0, 2.0):

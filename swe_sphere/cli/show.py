@@ -25,10 +25,7 @@ def show_line(text: str) -> None:
 
 
 def print_table(heads: Sequence[str], lines: Iterable[Iterable[str]], **look: Any) -> None:
-    """Print a table as wide as its cells: in a narrower terminal its lines wrap.
-
-    look: options of rich.
-    """
+    """Print a table as wide as its cells; lines of narrower terminals wrap. look: as for rich."""
     from rich import box
     from rich.console import Console
     from rich.table import Column, Table

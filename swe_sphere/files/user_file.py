@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from swe_sphere.errors import ConfigError, SweError
 from swe_sphere.files.fingerprints import fingerprint
@@ -34,9 +34,9 @@ def check_trusted(name: object, path: Path, trusted: Iterable[Path], is_code: bo
         )
 
 
-def is_custom(kind: type) -> bool:
-    """Return whether a class is user-defined."""
-    return not kind.__module__.startswith("swe_sphere.")
+def is_custom(kind: Any) -> bool:
+    """Return whether a class or a function is user-defined."""
+    return not str(kind.__module__).startswith("swe_sphere.")
 
 
 def load_file(path: Path, what: str) -> ModuleType:

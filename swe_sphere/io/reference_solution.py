@@ -97,10 +97,11 @@ class Reference(Source):
         return super().nearest(time) if self.times.size else None
 
     def frame(self, time: float | None = None) -> dict[str, Array]:
+        index = self.index(time) if self.times.size else 0  # an error at other times
         if time is None or not self._has_frames:
             return self.fields
         with reading(self.path) as data:
-            return _fields(self.path, data, self.index(time))
+            return _fields(self.path, data, index)
 
     def state(self, time: float | None = None) -> dict[str, Array]:
         return self.frame(time) | {"area": self.area}

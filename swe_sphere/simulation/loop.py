@@ -176,13 +176,14 @@ class Loop:
         return bool(self.sim.comm.any_lately(asked))
 
     def _stop(self) -> None:
-        """Raise Interrupted, or TimedOut before the last step, on all ranks."""
+        """Raise Interrupted or TimedOut on all ranks, unless the run is complete."""
         asked = self.sim.comm.allgather((self.interruption.received, self._is_late))
+        if (steps := self.sim.steps) == self.plan.steps:
+            return
         for signal_name, _ in asked:
             if signal_name is not None:
                 raise Interrupted(f"interrupted by {signal_name}")
-        steps = self.sim.steps
-        if steps < self.plan.steps and any(is_late for _, is_late in asked):
+        if any(is_late for _, is_late in asked):
             day = self.plan.time(steps) / DAY
             raise TimedOut(
                 f"the time limit of {self.time_limit:g} s was reached at day {day:.4g}"

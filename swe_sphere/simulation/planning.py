@@ -42,10 +42,9 @@ MEANT = 5e-5
 
 
 def stability_limit(kind: type[Stepper], spectra: Sequence[Spectrum]) -> float:
-    """Return the largest stable step [s] of a stepper for `run_spectra`, infinite without one.
+    """Return the largest stable step [s] for `run_spectra`, infinite without one.
 
-    The strongest wind may use up the margin `safety` of automatic steps. Raises ConfigError if the
-    stepper does not return a number.
+    The strongest wind may use up the margin `safety`. ConfigError if a limit is not a number.
     """
     label = f"stable_dt of stepper {kind.name}"
     limits = [call_custom(label, kind.stable_dt, each) for each in spectra]
@@ -62,8 +61,8 @@ def run_spectra(kind: type[Stepper], model: Model, times: Iterable[float]) -> li
 def limiting_times(model: Model, days: float) -> list[float]:
     """Return the times [s] that limit the steps of a run: 0, and that of the strongest wind.
 
-    An unsteady prescribed wind is compared at times with irregular distances, so that no period of
-    it can fit them, up to a time at which it fails.
+    An unsteady prescribed wind is compared at irregular times, which no period of it fits, up to a
+    time at which it fails.
     """
     if not changes_wind(model.scene):
         return [0.0]

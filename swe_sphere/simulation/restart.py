@@ -16,7 +16,7 @@ import numpy as np
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError, shown
 from swe_sphere.files.fingerprints import SCENE_FILE, file_fingerprint
-from swe_sphere.files.user_file import cause, check_trusted, file_contents, is_user_file
+from swe_sphere.files.user_file import cause, check_trusted, file_contents, is_custom, is_user_file
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.settings.values import override
@@ -202,9 +202,10 @@ class Restart:
                 )
         for name, value in ours.items():
             if theirs.get(name) != value:
+                hint = ": give the scene itself, not its name" if name == "own_functions" else ""
                 raise ConfigError(
                     f"{self.path} is of another run: {name} is {theirs.get(name)!r} there and"
-                    f" {value!r} here"
+                    f" {value!r} here{hint}"
                 )
 
     def plan(self, asked: float | str) -> RunPlan:
@@ -268,13 +269,15 @@ def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
     from swe_sphere.steppers import get_stepper
 
     methods = {"stepper": config.stepper, "preconditioner": config.chosen_preconditioner}
+    functions = {name: getattr(value, "function", None) for name, value in vars(scene).items()}
+    own = ", ".join(name for name, each in functions.items() if each and is_custom(each))
     return {
         "scene": scene.name, "stepper": get_stepper(config.stepper).name, "ne": mesh.ne,
         "np": mesh.np, "stretch": mesh.stretch, "centre": [*mesh.centre], "spin": mesh.spin,
         "precision": config.precision, "tracer_steps": config.tracer_steps,
         "scene_parameters": dict(scene.parameters),
         "effects": {effect.name: asdict(effect) for effect in scene.effects},
-        "planet": asdict(scene.planet),
+        "planet": asdict(scene.planet), "own_functions": own,
         "sources": run_sources(config.scene, scene, config.diagnostics, **methods),
     }  # fmt: skip
 

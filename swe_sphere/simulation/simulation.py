@@ -182,8 +182,8 @@ class Simulation(NotCopyable):
             self.scene = self.initial.begin(self.scene)
         self._objects = objects
         self.mesh = build.make_mesh(config, self.scene, mesh)
-        self.identity = identity(config, self.scene, self.mesh)
-        self.identity["initial"] = None if self.initial is None else self.initial.identity
+        begun = None if self.initial is None else self.initial.identity
+        self.identity = {"initial": begun} | identity(config, self.scene, self.mesh)
         """Settings that a run must share with this one to resume it."""
         if self._restart is not None:
             self._restart.check(self.identity)

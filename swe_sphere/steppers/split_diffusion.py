@@ -139,10 +139,9 @@ class SplitPenalty:
         self._replay = Replay(model.launch)
 
     def is_due(self, steps: int, before: int = 0) -> bool:
-        """Return whether the penalty acts before the next step.
+        """Return whether the penalty acts before the step that follows `steps` after the start.
 
-        steps: number of steps since the start; before: of those before it. A start between the
-        actions on two chains leaves one chain, on which the penalty has acted.
+        before: number of steps before the start, which leaves one chain of two.
         """
         turn = (before + steps - self.every // 2) % self.every
         return turn < self._chains and (turn <= steps or not before)

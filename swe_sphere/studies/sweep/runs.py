@@ -192,11 +192,13 @@ class Discretisation:
         return fingerprint(same)
 
     def _samples(self, scene: Scene) -> dict[str, str]:
-        """Return the values at the nodes of functions that do not determine the initial fields."""
+        """Return values at the nodes of functions other than the initial fields, and their code."""
         found, end = {}, scene.days if self.config.days is None else self.config.days
+        for kind in (type(effect) for effect in scene.effects if is_custom(type(effect))):
+            found[kind.__name__] = str([_code(getattr(kind, name)) for name in vars(kind)])
         for name in ("base", "equilibrium", "wind", "forcing", "exact", "exact_tracers"):
             if (function := getattr(scene, name)) is not None:
-                unsteady = name not in ("base", "equilibrium")
+                unsteady, found[name] = name not in ("base", "equilibrium"), _code(function)
                 for time in [(share * end * DAY,) for share in SAMPLED] if unsteady else [()]:
                     values = function(self.mesh.lon, self.mesh.lat, *time)
                     values = [*values.values()] if isinstance(values, dict) else values
@@ -369,7 +371,8 @@ class Study:
             "the code of swe_sphere": code_fingerprint(),
             "the processor": processor(find_device(self.plan.device)),
             "the scene": origin, **files,
-            **{f"{DIAGNOSTIC}{name}": _code(one.function) for name, one in DIAGNOSTICS.items()},
+            **{f"{DIAGNOSTIC}{name}": users_fingerprint(one.function) + _code(one.function)
+               for name, one in DIAGNOSTICS.items()},
             **{f"the reference of day {day:g}": file_fingerprint(path)
                for day, path in self.files.items()},
         }  # fmt: skip
@@ -514,10 +517,13 @@ def users_methods(steppers: Iterable[str], preconditioners: Iterable[str]) -> di
 
 
 def _code(function: Any) -> str:
-    """Return the fingerprint of the file and of the code of a callable."""
-    code = getattr(function, "__code__", None)
+    """Return the fingerprint of the code of a callable, with its constants and names."""
+    function = getattr(function, "function", function)  # of a scene
+    code, cells = (getattr(function, f"__{name}__", None) for name in ("code", "closure"))
     parts = () if code is None else (code, *code.co_consts)
-    return fingerprint([users_fingerprint(function), [getattr(x, "co_code", x) for x in parts]])
+    found = [(getattr(x, "co_code", x), getattr(x, "co_names", ())) for x in parts]
+    around = [cell.cell_contents for cell in cells or ()]
+    return fingerprint([found, [x for x in around if isinstance(x, float | int | str)]])
 
 
 def users_fingerprint(item: object) -> str:
