@@ -35,7 +35,7 @@ from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.stepper import Family
 from swe_sphere.studies import words
 from swe_sphere.studies.pages import in_table
-from swe_sphere.studies.report.figures import INK, STYLE, finish, svg_text
+from swe_sphere.studies.report.figures import STYLE, finish, svg_text
 from swe_sphere.studies.report.page import slug, sweep_rankings
 from swe_sphere.studies.sweep.sweep_plan import Recipe, folder_of, load_recipe
 
@@ -215,7 +215,7 @@ def _figure(best: pd.DataFrame) -> Figure:
                 line = here[here["family"] == family]
                 look = {"color": COLOURS[n // 2], "marker": "os"[n % 2], "ls": ("-", "--")[n % 2]}
                 axes.plot(line["ne"], line[base], label=f"{family} / {base}", ms=4.0, **look)
-            axes.axhline(1.0, color=INK, linewidth=1.0)
+            axes.axhline(1.0, color="#1b1f24", linewidth=1.0)
             axes.set_title(f"U/c = {words.number(here['froude'].iloc[0], 2)}", fontsize=9.0)
         for axes in panels:  # which share their limits
             finish(axes, "ne", "ratio of CPU time")

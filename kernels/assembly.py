@@ -30,8 +30,7 @@ def assembly_kernels(unknowns: int, point: Pointwise) -> tuple[Any, Any]:
 
     The first kernel, `assemble_pointwise`, assembles local tendencies (entries,), whose fields are
     `stride` apart, at the nodes from `first` on, and adds the pointwise terms. The second kernel
-    has the arguments (N, structure, state, stage, result); it serves scenes without derivatives,
-    which have nothing to assemble.
+    has the arguments (N, structure, state, stage, result), for scenes without derivatives.
     """
     some, added, last = rows(unknowns), pointwise_sum(unknowns, point), unknowns - 1
     leave, structure, add = leave_of(unknowns), added.structure, added.add

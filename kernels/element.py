@@ -28,8 +28,7 @@ def element_sweep(
 
     The first one, (geometry, a, x, e), loads winds that all fields share if `shared`. The second
     one, (geometry, a, x, at, k, e, n, out, done), then applies the formula at the offset `at` of x
-    and stores the k-th field of `out`; n is unused. `finish` stores nodes inside the elements,
-    which need no DSS, in `done`.
+    and stores the k-th field of `out`; n is unused. `finish` stores inner nodes in `done`.
     """
     (d1, d2), store = line_sums(t.np, f.rows), _store(f, finish)
     scalar, turns, to_edges = f.is_scalar, f.turns, f.to_edges

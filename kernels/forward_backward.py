@@ -29,8 +29,7 @@ def _finish_mass(
     """Return the function that steps the k-th mass; the depth is the first one.
 
     geometry: a Warp structure with at least N (`size`), `inverse_area` (N,) and `point`; point: its
-    `PointwiseSum`; damped: the loss of `levels_struct` is added to all rates; shifted: its base is
-    subtracted from all combinations.
+    `PointwiseSum`; damped: rates include the loss of `levels_struct`; shifted: less its base.
     """
     first, of_depth, step = unknowns - 1, point.depth, step_of(shifted)
 

@@ -177,6 +177,7 @@ MISTAKES = {
     "run williamson2 --stepper rk5": "unknown stepper 'rk5'; did you mean 'rk4'",
     "run williamson2 --stepper fuly-implicit": "did you mean 'fully-implicit'",
     "run williamson2 --tolerance 1e-4": "stepper rk4 has no option 'tolerance'",
+    "run williamson2 --every 1e-9": "days or every of 3.6e-06 s is too short",
     "run williamson2 --preconditioner none": "stepper rk4 has no option 'preconditioner'",
     "run williamson2 --stepper bdf2 --tolerance -1": "tolerance: must be greater than or equal to",
     "run williamson2 --stepper bdf2 --tolerance nan": "tolerance: must be a finite number",

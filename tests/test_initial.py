@@ -168,6 +168,15 @@ def test_a_run_from_an_object_is_resumed_with_that_object(made, tmp_path):
     assert again.run(days=0.5, out=out).status == "completed"
 
 
+def test_a_run_is_resumed_in_another_folder(made, tmp_path, monkeypatch):
+    path, _ = made
+    monkeypatch.chdir(path.parent)
+    out = tmp_path / "b.nc"
+    Simulation("williamson6", ne=2, np=4, dt=900.0, initial=path.name).run(days=0.25, out=out)
+    monkeypatch.chdir(tmp_path)
+    assert Simulation.from_checkpoint(out).run(days=0.5).status == "completed"
+
+
 def test_history_names_file_and_frame_above_the_history_of_the_file(made, tmp_path):
     path, _ = made
     out = tmp_path / "b.nc"
@@ -201,7 +210,7 @@ def test_a_run_that_became_unstable_is_rescued_with_dissipation(tmp_path):
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"initial": "nowhere.nc"}, "there is no file nowhere.nc"),
+        ({"initial": "nowhere.nc"}, "there is no file .*nowhere.nc"),
         ({"initial": 3}, "initial: give a file, a dataset or a function, got 3"),
         ({"initial_time": 0.5}, "got None; initial-time chooses a frame of it"),
         ({"initial": np.sin, "initial_time": 0.5}, "initial-time chooses a frame of it"),

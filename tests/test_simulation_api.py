@@ -20,7 +20,7 @@ import xarray as xr
 from swe_sphere.analysis.accessor import open_run
 from swe_sphere.equations.effects import Drag, Forcing, Rotation
 from swe_sphere.equations.scene import Scene
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.io.layout import VARIABLES
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.io.scalar_fields import FIELDS
@@ -521,10 +521,10 @@ def test_a_checkpoint_of_a_changed_scene_needs_the_scene(tmp_path):
 
 
 def test_energy_that_a_forcing_added_before_is_no_growth():
-    """The wind reaches 60 m/s within hours, and the forcing has ended when the run continues."""
+    """The wind reaches 60 m/s within an hour, and the forcing has ended when the run continues."""
 
     def forcing(lon, lat, t):
-        rate = 60.0 / 10800.0 * np.exp(-t / 10800.0)
+        rate = 60.0 / 1800.0 * np.exp(-t / 1800.0)
         return rate * np.cos(lat), 0.0 * lon, 0.0 * lon
 
     scene = Scene(
@@ -533,6 +533,22 @@ def test_energy_that_a_forcing_added_before_is_no_growth():
     )  # fmt: skip
     sim = Simulation(scene, dt=600.0)
     assert [sim.run(days=days).status for days in (1, 2)] == ["completed"] * 2
+
+
+def test_fields_of_a_snapshot_are_read_before_the_next_step():
+    sim = small()
+    sim.begin()
+    early, late = sim.snapshot, small()
+    assert early.fields["h"].size == sim.mesh.size
+    sim.step()
+    assert early.fields["h"].size == sim.mesh.size  # as they were
+    late.begin()
+    snapshot = late.snapshot
+    late.step()
+    with pytest.raises(
+        RunFailed, match="is of step 0, the simulation is at step 1: read its fields"
+    ):
+        _ = snapshot.fields
 
 
 def test_a_signal_during_the_last_step_leaves_the_run_complete():
@@ -583,6 +599,12 @@ def test_a_callback_leaves_the_steps_that_were_taken_back_in_the_summary():
     sim = Simulation("williamson6", ne=4, np=4, stepper="tr-bdf2", adaptive=1e-7, dt=21600.0)
     summary = sim.run(days=1, callbacks=[change])
     assert len(summary["cuts"]) == summary["rejected_steps"] > 0
+
+
+def test_a_rounded_interval_of_a_callback_stands_for_a_fraction_of_an_hour():
+    sim = Simulation("williamson2", ne=2, np=4)
+    sim.run(days=1 / 6, callbacks=[every(hours=0.333333)(lambda sim: None)])
+    assert sim.plan.dt == pytest.approx(1200.0, rel=1e-12)
 
 
 def test_a_callback_must_be_callable():

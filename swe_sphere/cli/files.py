@@ -14,7 +14,7 @@ import typer
 
 from swe_sphere.cli.options import AsJson, Field, flag, given, option, with_flags
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.user_file import check_trusted
+from swe_sphere.files.user_file import check_trusted, is_user_file
 from swe_sphere.pictures.look import Look
 from swe_sphere.planet import DAY
 from swe_sphere.settings.registry import first_line
@@ -103,6 +103,8 @@ def _against(file: Path, other: str, trust: Iterable[Path]) -> Source | Exact:
         raise ConfigError(
             f"{file} began from {origin} and has no exact solution: compare with another file"
         )
+    if run.attributes.get("own_functions") and not is_user_file(settings["scene"]):
+        raise ConfigError(f"{file} is of a scene made in Python: compare with another file")
     check_trusted(settings["scene"], file, trust)
     return Exact(make_scene(make_config(settings)), run.mesh)
 

@@ -90,7 +90,8 @@ def _status(arguments: Sequence[str]) -> int:
 
             with suppress(RunFailed):  # the line below states the failure
                 typer.echo(failed_summary({}, line, status).as_json())  # `run` prints its own
-        _show_failure(line)
+        if line:
+            _show_failure(line)
         return status
 
 

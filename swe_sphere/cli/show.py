@@ -43,7 +43,8 @@ def explain(error: Exception) -> tuple[str, int]:
     if isinstance(error, SweError | Interrupted):
         line, status = str(error), error.exit_status
     elif isinstance(error, typer.TyperException):
-        line, status = f"{error.format_message()} (see swe-sphere --help)", error.exit_code
+        line, status = error.format_message(), error.exit_code  # empty if the help was asked for
+        line += " (see swe-sphere --help)" if line else ""
     elif isinstance(error, MemoryError):
         line = f"not enough memory: take a smaller mesh {hint}"
     else:

@@ -287,8 +287,7 @@ class Initial:
     """A state from which a run begins.
 
     given: a file or a dataset of a run, or a function as `Scene.initial`.  day: time of the frame
-    [days], the last one for None.  Raises ConfigError if there is no such file or frame, or
-    where the object is of another kind.
+    [days], the last one for None.  Raises ConfigError for another object, or without that frame.
     """
 
     origin, identity, history = "a function", "a function", ""

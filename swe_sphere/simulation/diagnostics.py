@@ -63,6 +63,9 @@ class Snapshot:
     @cached_property
     def fields(self) -> Fields:
         """u, v [m s-1] and h [m], and of each tracer hq_NAME [m] and q_NAME, each (N,)."""
+        if self.sim is not None and self.sim.steps != self.steps:
+            when = f"is of step {self.steps}, the simulation is at step {self.sim.steps}"
+            raise RunFailed(f"the snapshot {when}: read its fields before the next step")
         return self.model.fields(self.state, self.time)
 
     @cached_property

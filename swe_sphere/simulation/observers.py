@@ -71,8 +71,8 @@ def label(observer: Observer) -> str:
     return f"the observer {type(observer).__name__}"
 
 
-EVERY = 16
-"""Steps between health checks."""
+CHECK_STEPS, MOST_PARTS = 16, 1000
+"""Steps between health checks, and largest number of times at which a check sees a forcing."""
 RUNAWAY = 10.0
 """Growth of the energy that effects do not explain, and that every unstable run exceeds."""
 LOST = 1e-3
@@ -105,19 +105,17 @@ class HealthCheck(Observer):
         self._claims = [e.name for e in conserving if e in custom and e.tendencies[1] is not None]
         self._tendency = model.right_hand_side(counted=False) if self._claims else None
         self._rate = model.zeros()
-        self._largest = self._space.norm(start)
+        self._supply = self._space.norm(start)
         """Norm [m s-1], the root of the energy, to which the growth of later states is relative."""
-        self._rms = self._space.norm(self._unit) * self._largest
+        self._rms = self._space.norm(self._unit) * self._supply
         if scene.equilibrium is not None:
             level = scene.equilibrium(model.mesh.lon, model.mesh.lat)
-            self._largest += self._space.norm(model.state_from(0.0 * level, 0.0 * level, level))
-        if scene.forcing is not None and sim.steps:  # what it has added so far is not known
-            self._largest = max(self._largest, self._space.norm(sim.stepper.state))
+            self._supply += self._space.norm(model.state_from(0.0 * level, 0.0 * level, level))
         self._growth = sim.config.energy_growth or (math.inf if custom else RUNAWAY)
-        self._time = sim.time
+        self._time = 0.0
 
     def due(self, step: int) -> bool:
-        return bool(step % EVERY < self._sim.plan.cycle)
+        return bool(step % CHECK_STEPS < self._sim.plan.cycle)
 
     def observe(self, snapshot: Snapshot, changed_by: Observer | None = None) -> None:
         """Raise Unstable for an unstable state, RunFailed if an effect changes a conserved mass.
@@ -134,11 +132,16 @@ class HealthCheck(Observer):
         if not model.scene.linear and (depth := self._space.lowest(state, *self._depth)) <= 0.0:
             raise self._unstable(f"the depth is not positive ({depth:.3g} m)", snapshot)
         if model.scene.forcing is not None:
+            whole = min(MOST_PARTS, 1 + snapshot.steps // 4)  # of the run so far, maybe resumed
+            parts = 1 if model.forcing.steady else 4 if self._time else whole
+            span = (time - self._time) / parts
+            for t in self._time + span * (0.5 + np.arange(parts)):
+                model.forcing.set_time(t)
+                wp.copy(self._rate, model.parameters["forcing"])
+                self._supply += span * self._space.norm(self._rate)
             model.forcing.set_time(time)
-            wp.copy(self._rate, model.parameters["forcing"])
-            self._largest += (time - self._time) * self._space.norm(self._rate)
             self._time = time
-        growth = (norm / self._largest) ** 2
+        growth = (norm / self._supply) ** 2
         if growth > self._growth:
             raise self._unstable(f"the energy has grown {growth:.3g} times", snapshot)
         lost = abs(self._space.dot(state, self._unit) - self._mass) / self._rms
@@ -467,7 +470,7 @@ def every(
     if len(given) == 1 and isinstance(given[0][0], Real):
         seconds = float(given[0][0]) * given[0][1]
         if steps is None and 1e-3 <= seconds < math.inf:
-            return partial(Callback, seconds=seconds)
+            return partial(Callback, seconds=HOUR * float(planning.meant_hours(seconds / HOUR)))
         if steps is not None and 1 <= steps < math.inf and steps == int(steps):
             return partial(Callback, steps=int(steps))
     raise ConfigError(

@@ -61,8 +61,7 @@ def run_spectra(kind: type[Stepper], model: Model, times: Iterable[float]) -> li
 def limiting_times(model: Model, days: float) -> list[float]:
     """Return the times [s] that limit the steps of a run: 0, and that of the strongest wind.
 
-    An unsteady prescribed wind is compared at irregular times, which no period of it fits, up to a
-    time at which it fails.
+    An unsteady wind is compared at irregular times, which no period fits, until it fails.
     """
     if not changes_wind(model.scene):
         return [0.0]
@@ -224,7 +223,8 @@ def continued_plan(
     `time_plan`.  done: number of steps taken so far.  Raises ConfigError if the frames or the
     further times are no whole number of steps, or where the run has already reached that length.
     """
-    now, end, cycle, origin = plan.time(done), days * DAY, plan.cycle, plan.origin
+    now, cycle, origin = plan.time(done), plan.cycle, plan.origin
+    end = float(_as_fraction(days * DAY))
     if end <= now + 1e-6:
         raise ConfigError(
             f"the run is already at day {now / DAY:g}: give more than days={days:g} (the length"
@@ -286,7 +286,7 @@ def _as_fraction(seconds: float | Fraction) -> Fraction:
     fraction = Fraction(seconds).limit_denominator(1000)
     if fraction <= 0:
         raise ConfigError(
-            f"days or every of {seconds:g} s is too short: give at least a millisecond"
+            f"days or every of {float(seconds):g} s is too short: give at least a millisecond"
         )
     return fraction
 

@@ -216,11 +216,7 @@ class Simulation(NotCopyable):
 
     @exclusive
     def reset(self) -> None:
-        """Return to the initial state, or to the state of the checkpoint that was resumed.
-
-        A run whose steps change length uses several steppers, one after the other: `_lengths` lists
-        their steps, and counters are `_spent` plus those of the model since `_counted`.
-        """
+        """Return to the initial state, or to the state of the checkpoint that was resumed."""
         restart, self.config = self._restart, self._configured
         self._continues = self.config.restart  # the file of frames that a run may continue
         self.run_id = "" if restart is None else str(restart.attributes.get("run_id", ""))
@@ -287,8 +283,7 @@ class Simulation(NotCopyable):
     def stable_dt(self) -> float:
         """Return the approximate stability limit at the initial state [s]; infinite without one.
 
-        An unsteady prescribed wind counts at its strongest in the run. Raises ConfigError if the
-        stepper does not return a number.
+        An unsteady wind counts at its strongest in the run. ConfigError if it is not a number.
         """
         days = self.days if planning.changes_wind(self.scene) else 0.0
         if days not in self._limits:
@@ -522,8 +517,7 @@ class Simulation(NotCopyable):
 
         Raises:
             ConfigError: the run is impossible as requested; no step was taken.
-            KeyboardInterrupt: Ctrl-C; the last frame has been written, and the file is closed.
-                Other signals take effect then, too.
+            KeyboardInterrupt: Ctrl-C, as other signals; the last frame has been written.
         """
         since = command_began.get(time.monotonic())
         asked: dict[str, Any] = {"days": days, "every": every, "time_limit": time_limit, "out": out}

@@ -22,8 +22,7 @@ class PoissonTendency:
     between the states and the potential vorticity q = (curl V + f)/h half way (Wimmer, Cotter &
     Bauer 2020, doi:10.1016/j.jcp.2019.109016). The operator is skew for the quadrature of the mesh,
     because F is continuous and integration by parts is exact there. The tendency excludes
-    dissipation. F carries the tracers, so that a constant mixing ratio stays constant. The model
-    must be one that `fits` accepts.
+    dissipation. F carries the tracers: a constant q stays constant. `fits` must accept the model.
     """
 
     def __init__(self, model: Model) -> None:

@@ -26,8 +26,7 @@ MUCH_FASTER = 1e4
 class ImexStepper(Stepper):
     """A stepper with a solver of linear gravity waves L; the wind limits its step (docs/results).
 
-    `tolerance`: see `StageSolver`; `solver`: the solver of another stepper of the same model, to be
-    shared; its tolerance then applies.
+    `tolerance`: see `StageSolver`; `solver`: that of another stepper, with its tolerance, to share.
     """
 
     family = "imex"

@@ -76,9 +76,7 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
     If the budget does not cover all days, the runs are shorter and the required error is smaller in
     proportion, on the assumption that errors grow linearly with time.
 
-    Raises:
-        ConfigError: the scene cannot be built, or the error cannot be reached or measured.
-        Interrupted: the user asked to stop.
+    Raises ConfigError if the scene cannot be built, or the error cannot be reached or measured.
     """
     from swe_sphere.studies.report import sweep_rankings  # matplotlib is slow to import
 

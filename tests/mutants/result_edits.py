@@ -112,8 +112,8 @@ RUNS = tested(
         (
             "test_health.py::test_what_forcing_can_add_is_the_same_however_often_the_state_is_checked",
         ),
-        "(time - self._time) * self._space",
-        "time * self._space",
+        "span = (time - self._time) / parts",
+        "span = time / parts",
     ),
     (
         "a reference may be a day off the end",

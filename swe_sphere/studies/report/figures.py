@@ -22,7 +22,7 @@ from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies import words
 from swe_sphere.studies.report.ranking import FAILED, Metric, with_cost
 
-INK, FAINT, PALE = "#1b1f24", "#6e7781", "#d0d7de"
+FAINT, PALE = "#6e7781", "#d0d7de"
 STYLE = Path(__file__).with_name("templates") / "figures.mplstyle"
 LOOKS = read_toml(STYLE.with_name("looks.toml"))
 """Colour, marker and fill of the steppers of the package, by family."""

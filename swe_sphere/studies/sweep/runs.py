@@ -519,11 +519,14 @@ def users_methods(steppers: Iterable[str], preconditioners: Iterable[str]) -> di
 def _code(function: Any) -> str:
     """Return the fingerprint of the code of a callable, with its constants and names."""
     function = getattr(function, "function", function)  # of a scene
+
+    def parts(code: Any) -> Any:
+        names = getattr(code, "co_names", None)
+        return code if names is None else [code.co_code, names, *map(parts, code.co_consts)]
+
     code, cells = (getattr(function, f"__{name}__", None) for name in ("code", "closure"))
-    parts = () if code is None else (code, *code.co_consts)
-    found = [(getattr(x, "co_code", x), getattr(x, "co_names", ())) for x in parts]
     around = [cell.cell_contents for cell in cells or ()]
-    return fingerprint([found, [x for x in around if isinstance(x, float | int | str)]])
+    return fingerprint([parts(code), [x for x in around if isinstance(x, float | int | str)]])
 
 
 def users_fingerprint(item: object) -> str:
