@@ -174,7 +174,10 @@ def test_a_run_is_resumed_in_another_folder(made, tmp_path, monkeypatch):
     out = tmp_path / "b.nc"
     Simulation("williamson6", ne=2, np=4, dt=900.0, initial=path.name).run(days=0.25, out=out)
     monkeypatch.chdir(tmp_path)
-    assert Simulation.from_checkpoint(out).run(days=0.5).status == "completed"
+    with pytest.raises(ConfigError, match=r"there is no file made\.nc"):
+        Simulation.from_checkpoint(out)
+    resumed = Simulation.from_checkpoint(out, initial=path)
+    assert resumed.run(days=0.5).status == "completed"
 
 
 def test_history_names_file_and_frame_above_the_history_of_the_file(made, tmp_path):

@@ -88,7 +88,7 @@ class Effect:
 
     def __post_init__(self) -> None:
         for each in fields(self):
-            if isinstance(value := getattr(self, each.name), np.generic):
+            if isinstance(value := getattr(self, each.name, None), np.generic):
                 object.__setattr__(self, each.name, value.item())
         for name in self.strengths:
             value = getattr(self, name)

@@ -36,7 +36,7 @@ def check_trusted(name: object, path: Path, trusted: Iterable[Path], is_code: bo
 
 def is_custom(kind: Any) -> bool:
     """Return whether a class or a function is user-defined."""
-    return not str(kind.__module__).startswith("swe_sphere.")
+    return not str(getattr(kind, "__module__", "")).startswith("swe_sphere.")
 
 
 def load_file(path: Path, what: str) -> ModuleType:

@@ -209,7 +209,7 @@ class RunConfig(SharedConfig):
     """Resume the run in this file; out may name the same file."""
     trust: Annotated[tuple[FileName, ...], Field(exclude=True)] = ()
     """Python file that may be executed if the file of a run names it; repeatable."""
-    initial: Annotated[FileName, AfterValidator(Path.absolute)] | None = None
+    initial: FileName | None = None
     """Begin a new run from a frame of this file; mesh, step, stepper and effects may differ."""
     initial_time: Days | None = None
     """Time of that frame in its file [days] (the last frame)."""

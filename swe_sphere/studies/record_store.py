@@ -27,10 +27,8 @@ STOPPED = ("refused", "unstable", "solver-failed")
 """Outcomes of runs that stop themselves with a reason."""
 STATUSES = ("completed", *STOPPED, "timed-out", "failed")
 """All outcomes of a run."""
-UNEXPECTED = (
-    ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError, NameError,
-    RuntimeError, TypeError, ValueError,
-)  # fmt: skip
+UNEXPECTED = (ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError, NameError,
+              RuntimeError, TypeError, ValueError)  # fmt: skip
 """Unexpected errors: a run that ends with one of them has failed."""
 
 

@@ -522,10 +522,12 @@ def _code(function: Any) -> str:
 
     def parts(code: Any) -> Any:
         names = getattr(code, "co_names", None)
+        if isinstance(code, frozenset):
+            return sorted(map(repr, code))
         return code if names is None else [code.co_code, names, *map(parts, code.co_consts)]
 
     code, cells = (getattr(function, f"__{name}__", None) for name in ("code", "closure"))
-    around = [cell.cell_contents for cell in cells or ()]
+    around = [cell.cell_contents for cell in cells or () if cell != type(cell)()]
     return fingerprint([parts(code), [x for x in around if isinstance(x, float | int | str)]])
 
 
