@@ -46,8 +46,9 @@ def newton() -> Section:
     return Section(
         f"ne12 np4, {DAYS:.0f} days: Newton / Krylov iterations a step by forcing term and guess",
         "The first number of a column is the forcing term: how accurately each linear system of a "
-        "stage is solved. The second is the fraction of the change of slope of the preceding stage "
-        "that the guess of a stage includes (bdf2 extrapolates its states and has none). The "
+        "stage is solved, but never below half of the reduction that the target requires: 1e-15 "
+        "stands for this half. The second is the fraction of the change of slope of the preceding "
+        "stage that the guess of a stage includes (bdf2 extrapolates its states and has none). The "
         f"package uses {dirk.ESDIRK4.followed:g} for sdirk3 and esdirk4 and "
         f"{dirk.TRBDF2.followed:g} for tr-bdf2, whose iterations this fraction increased in longer "
         "runs.",

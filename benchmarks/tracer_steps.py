@@ -108,9 +108,9 @@ def tracers() -> Section:
         "Separate time steps for eight tracers",
         f"ne{NE} np4, automatic flow steps. *at once*: flow steps for each tracer step. *ratio*:"
         f" median over {ROUNDS} rounds of the CPU time relative to one tracer step for each flow"
-        " step. *hills*, *bells*, *cylinders*: l2 errors of three of the tracers after the run, for"
-        " deformational flow relative to the initial state, for other scenes the difference from"
-        " one tracer step for each flow step.",
+        " step. *hills*, *bells*, *cylinders*: l2 errors of three of the tracers: for"
+        " deformational flow after 12 days relative to the initial state, for other scenes after 2"
+        " days the difference from one tracer step for each flow step.",
         ["scene", "stepper", "dt [s]", "at once", "least [s]", "median [s]", "ratio", "hills",
          "bells", "cylinders"],
         [case.row(steps) for case in cases for steps in case.steps],
