@@ -1,6 +1,8 @@
 """Ensembles of perturbed seeds: what is kept, and how fast the spread of the unstable jet grows."""
 
 import json
+import os
+import signal
 
 import numpy as np
 import pandas as pd
@@ -9,7 +11,7 @@ from netCDF4 import Dataset
 
 from swe_sphere.cli.main import main
 from swe_sphere.equations.scene import Array
-from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.errors import ConfigError, Interrupted, RunFailed
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.simulation.config import make_config
@@ -308,3 +310,21 @@ def test_a_folder_that_is_a_file_is_one_line(tmp_path, capsys):
     with pytest.raises(SystemExit) as ended:
         main(["ensemble", "galewsky", "--ne", "2", "--out", str(tmp_path / "a")])
     assert ended.value.code == 2 and "cannot write to" in capsys.readouterr().err
+
+
+def test_a_signal_in_the_last_step_of_a_member_ends_the_ensemble(tmp_path, monkeypatch):
+    from swe_sphere.simulation.simulation import Simulation
+
+    take = Simulation.take
+
+    def interrupted(sim, most):
+        take(sim, most)
+        if sim.steps == sim.plan.steps:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr(Simulation, "take", interrupted)
+    config = make_config({"scene": "turbulence", "ne": 2, "np": 4, "days": 0.05, "dt": 864.0})
+    with pytest.raises(Interrupted, match="SIGTERM"):
+        run_members(config, [1, 2], tmp_path, lambda line: None)
+    assert RunFile(tmp_path / "turbulence_seed1.nc").attributes["completed"]
+    assert not (tmp_path / "turbulence_seed2.nc").exists()

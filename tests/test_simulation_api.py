@@ -551,6 +551,13 @@ def test_fields_of_a_snapshot_are_read_before_the_next_step():
         _ = snapshot.fields
 
 
+def test_the_initial_snapshot_can_be_read_after_a_run():
+    sim = small()
+    start, depth = sim.snapshot, sim.start["h"]
+    sim.run(days=0.25)
+    np.testing.assert_array_equal(start.fields["h"], depth)
+
+
 def test_a_signal_during_the_last_step_leaves_the_run_complete():
     def end(sim):
         if sim.steps == sim.plan.steps:

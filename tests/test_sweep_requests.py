@@ -1,12 +1,13 @@
 """Several requests in the folder of one sweep: what is run again, compared and reported."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
-from swe_sphere.equations.effects import DYNAMICS, Forcing, Rotation
+from swe_sphere.equations.effects import DYNAMICS, MASSES, Forcing, PointwiseEffect, Rotation
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.diagnostics import diagnostic
 from swe_sphere.studies.report import sweep_rankings
@@ -98,6 +99,32 @@ def test_a_forcing_that_acts_between_samples_makes_other_runs(tmp_path):
     given = {"ne": 2, "np": 4, "days": 0.25, "dt": 1080.0, "repeats": 1, "out": tmp_path}
     drifts = [sweep(pulse(rate), "rk4", **given).energy_drift.values for rate in (1e-3, 1e-2)]
     assert np.abs(drifts[1]).max() > 2.0 * np.abs(drifts[0]).max()
+
+
+def test_a_constant_of_an_effect_that_changes_makes_other_runs(tmp_path):
+    @dataclass(frozen=True)
+    class Push(PointwiseEffect):
+        name = "push"
+        conserves = MASSES
+        scale: ClassVar[float] = 1e-6
+
+        def coefficients(self, mesh):
+            return {"rate": self.scale}
+
+        @staticmethod
+        def wind_tendency(c, i, u, v, h):
+            return c.rate * u, c.rate * v
+
+        @staticmethod
+        def wind_derivative(c, i, u, v, h, du, dv, dh):
+            return c.rate * du, c.rate * dv
+
+    scene, counts = get_scene("williamson2").with_effect(Push()), []
+    for scale in (1e-6, 1e-6, 1e-5):
+        Push.scale = scale
+        sweep(scene, "rk4", out=tmp_path, **TINY)
+        counts.append(count(tmp_path))
+    assert counts[0] == counts[1] < counts[2]
 
 
 def test_runs_are_made_again_for_a_new_or_changed_diagnostic(tmp_path):

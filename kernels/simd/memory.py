@@ -62,8 +62,7 @@ def address(x: wp.array3d(dtype=value), i: int) -> wp.uint64:
 def _load_nodes(register: Register, given: Any) -> Any:
     """Return the device function (x, offset, node) that loads numbers of x at nodes.
 
-    x contains numbers of the type `given`. The branch chooses between whole registers, not between
-    `lanes` numbers each as Warp's would.
+    x contains numbers of the type `given`. The branch chooses between whole registers.
     """
     lanes = register.lanes
 

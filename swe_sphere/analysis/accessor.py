@@ -54,8 +54,7 @@ def open_run(
 
     Args:
         path: netCDF file or Zarr store of a run.
-        chunks: None reads all data at once. {"time": 1} or "auto" reads data when they are needed,
-            with dask, which must be installed.
+        chunks: None reads all data at once. {"time": 1} or "auto" reads them when needed, by dask.
 
     Examples:
         >>> from swe_sphere import Simulation, open_run

@@ -1,7 +1,6 @@
 """Durable files: a kill or a full disk leaves either the old or the new file, complete.
 
-A new file is built beside its final path, under an unpredictable name, and renamed to the path,
-which happens at once or not at all.
+A new file is built beside its path, under an unpredictable name, and renamed at once or not at all.
 """
 
 import errno

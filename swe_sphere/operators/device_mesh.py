@@ -76,8 +76,7 @@ class DeviceMesh(NotCopyable):
         self._stages: dict[tuple[int, int, float], Any] = {}
         self.places = functools.cache(self._find_places)
         self.scratch = functools.cache(self.local)
-        """Function like `local`, but operators share the result: a field must have been read before
-        another operator is launched."""
+        """Function like `local`, but operators share the field: read it before the next launch."""
 
     def like(self, real: Any, shape: str) -> "DeviceMesh":
         """Return the same part in another number type or order."""

@@ -325,8 +325,7 @@ class Initial:
         """Return the scene with this initial state, and without exact solutions.
 
         Prescribed wind and forcing continue from the time of the frame.  A tracer that the frame
-        lacks begins as in the scene.  Raises ConfigError if the frame lacks depth or wind, or
-        contains a value that is not finite.
+        lacks begins as in the scene.  ConfigError if depth or wind is lacking or not finite.
         """
         changes: dict[str, Any] = {"exact": None, "exact_tracers": None}
         if callable(self._given):

@@ -63,7 +63,8 @@ class Snapshot:
     @cached_property
     def fields(self) -> Fields:
         """u, v [m s-1] and h [m], and of each tracer hq_NAME [m] and q_NAME, each (N,)."""
-        if self.sim is not None and self.sim.steps != self.steps:
+        live = self.sim is not None and self.sim.steps != self.steps
+        if live and self.state is self.sim.stepper.state:
             when = f"is of step {self.steps}, the simulation is at step {self.sim.steps}"
             raise RunFailed(f"the snapshot {when}: read its fields before the next step")
         return self.model.fields(self.state, self.time)

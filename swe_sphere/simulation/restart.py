@@ -191,6 +191,7 @@ class Restart:
     def check(self, identity: dict[str, object]) -> None:
         """Raise ConfigError with the first difference between a run and the earlier one."""
         theirs, ours = self.table("identity"), json.loads(json.dumps(identity))
+        theirs.setdefault("own_functions", ours["own_functions"])  # older files lack them
         before = theirs.get("sources")
         for name, contents in ours.pop("sources").items():
             if name.startswith(DIAGNOSTICS_PREFIX):

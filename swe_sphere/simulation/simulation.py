@@ -211,7 +211,7 @@ class Simulation(NotCopyable):
         """Axes of the first value of each user-defined diagnostic, and the profile's coordinate."""
         self.not_finite: set[Diagnostic] = set()
         """User-defined diagnostics that were not finite, of which there is one warning each."""
-        self._signal: int | None = None  # number of the signal that came during the last run
+        self.signal_number: int | None = None  # number of the signal that came during the last run
         self.reset()
 
     @exclusive
@@ -467,7 +467,7 @@ class Simulation(NotCopyable):
                     raise
                 # before the observers end, for which all ranks may be needed
                 self._ended_by(error)
-        self._signal, stepper = noted.number, self._stepper
+        self.signal_number, stepper = noted.number, self._stepper
         self._left = None if stepper is None else stepper.state.numpy().copy()
         return self.outcome
 
@@ -558,8 +558,8 @@ class Simulation(NotCopyable):
         else:
             self.advance([*files, *observers], config.time_limit, since=since)
             LOGGER.debug("%r ends: %s", self, self.outcome.reason or self.outcome.status)
-            if self._signal is not None and raises:
-                signal.raise_signal(self._signal)
+            if self.signal_number is not None and raises:
+                signal.raise_signal(self.signal_number)
         return self.summary
 
     def _open_files(self) -> list[Recorder]:
@@ -861,11 +861,13 @@ def _begun(value: T | None) -> T:
 
 
 def run_scene(
-    config: RunConfig, observers: Iterable[Observer] = (), warn: Warn = lambda text: None
-) -> Summary:
+    config: RunConfig, observers: Iterable[Observer] = (), warn: Warn = lambda text: None,
+    more: bool = False,
+) -> Summary:  # fmt: skip
     """Run a scene; the summary states how the run ended, also where it stopped early.
 
-    observers: watch the run.  warn: called with each warning.  ConfigError if it cannot be run.
+    observers: watch the run.  warn: called with each warning.  more: True if other runs follow,
+    so that a signal in the last step raises Interrupted.  ConfigError if it cannot be run.
     """
     started = time.perf_counter()
     world().on_root(lambda: check_paths(config))
@@ -883,6 +885,8 @@ def run_scene(
             out=out, overwrite=config.overwrite, callbacks=[*live, *observers], progress=False,
             warn=warn, raises=False,
         )  # fmt: skip
+        if more and summary.completed and sim.signal_number is not None:
+            raise Interrupted(f"interrupted by {signal.Signals(sim.signal_number).name}")
         if out is not None and config.plot is not None:
             picture = partial(_plotted, summary, out, config.plot, config.overwrite)
             summary = sim.comm.on_root(picture)

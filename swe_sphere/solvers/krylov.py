@@ -409,8 +409,7 @@ class FlexibleGMRES(KrylovSolver):
     """Solver of A x = b with `size` basis vectors; keep the instance, as it allocates only once.
 
     Memory: (size + 1) vectors, and `size` more from the first preconditioned solve on; on a CPU
-    only rows used by the longest cycle so far occupy memory. If a vector becomes non-finite, x
-    keeps its value at the last restart.
+    only rows used so far occupy it. If a vector is not finite, x keeps its last value.
     """
 
     def __init__(self, space: VectorSpace, size: int = 30) -> None:

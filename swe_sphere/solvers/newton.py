@@ -1,7 +1,6 @@
 """Inexact Newton-Krylov iteration with a line search.
 
-Dembo, Eisenstat & Steihaug (1982), doi:10.1137/0719025; Knoll & Keyes (2004),
-doi:10.1016/j.jcp.2003.08.010.
+Dembo et al. (1982), doi:10.1137/0719025; Knoll & Keyes (2004), doi:10.1016/j.jcp.2003.08.010.
 """
 
 import math

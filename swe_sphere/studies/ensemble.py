@@ -69,7 +69,7 @@ def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], No
             begun = checkpoint_path(out).exists()
             resumed = {"restart": out, "days": days} if begun else {"overwrite": True}
             member = member.model_copy(update=resumed)
-    summary = run_scene(member)
+    summary = run_scene(member, more=True)
     if summary.status == "interrupted":
         raise Interrupted(f"seed {seed}: {summary.reason}; the same command runs the others")
     if not summary.completed:

@@ -49,8 +49,7 @@ WARM_STEPS = 2
 PERTURBATION = 1e-7
 """Size of the noise that must not grow in a trial, relative to the largest value of a field."""
 GROWN, GROWTH_OF_FLOW = 10.0, 0.5
-"""A stable step amplifies the noise by at most the first factor, times e to the second per day,
-because flows are unstable too."""
+"""A stable step amplifies noise by at most the first factor, times e to the second per day."""
 
 
 class SweepWatcher:

@@ -194,8 +194,10 @@ class Discretisation:
     def _samples(self, scene: Scene) -> dict[str, str]:
         """Return values at the nodes of functions other than the initial fields, and their code."""
         found, end = {}, scene.days if self.config.days is None else self.config.days
-        for kind in (type(effect) for effect in scene.effects if is_custom(type(effect))):
-            found[kind.__name__] = str([_code(getattr(kind, name)) for name in vars(kind)])
+        for effect in (effect for effect in scene.effects if is_custom(type(effect))):
+            code = [_code(getattr(effect, name)) for name in vars(type(effect))]
+            given = {k: np.asarray(x).tobytes() for k, x in effect.coefficients(self.mesh).items()}
+            found[effect.name] = str((code, given))
         for name in ("base", "equilibrium", "wind", "forcing", "exact", "exact_tracers"):
             if (function := getattr(scene, name)) is not None:
                 unsteady, found[name] = name not in ("base", "equilibrium"), _code(function)
