@@ -162,7 +162,7 @@ def _equations(terms: Terms, curls: int) -> tuple[Any, Any, Any]:
 
     The rows are B, the flux of the continuity equation, and `curls` winds if there is advection.
     `parts` (geometry, e, n, head, fu, fv, u, v) fills the rows except a second wind, with head = B.
-    `rates` (geometry, d1, d2, e, n, tu, tv) returns rates of wind, (tu, -tv) if advected, and h.
+    `rates` (geometry, d1, d2, e, n, tu, tv) returns rates of V (advection adds tu, -tv) and h.
     """
     mass, advection, last = not terms.momentum, terms.advection, 2 - terms.momentum
     kind, fields = rows(last + advection * curls), rows(2 + mass)

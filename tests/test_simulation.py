@@ -57,9 +57,8 @@ def stand_in(limit, family="explicit", u=(0.0,), v=(0.0,), **kind):
     return SimpleNamespace(
         kind=SimpleNamespace(**kind),
         stable_dt=lambda: limit,
-        days=1.0,
+        limiting_times=lambda: [0.0],
         model=SimpleNamespace(
-            scene=SimpleNamespace(wind=None),
             initial_state=lambda: None,
             fields=lambda state, t: {"u": np.array(u), "v": np.array(v)},
         ),

@@ -551,6 +551,25 @@ def test_fields_of_a_snapshot_are_read_before_the_next_step():
         _ = snapshot.fields
 
 
+@pytest.mark.parametrize("more", [1, 2, 3])
+def test_a_snapshot_is_not_read_after_steps_that_exchange_levels(more):
+    sim = small(stepper="fb-rk3", dt=600.0)
+    sim.step()
+    snapshot = sim.snapshot
+    for _ in range(more):
+        sim.step()
+    with pytest.raises(RunFailed, match=f"of step 1, the simulation is at step {1 + more}"):
+        _ = snapshot.fields
+
+
+def test_a_snapshot_can_be_read_after_a_reset():
+    sim = small()
+    sim.step()
+    snapshot, expected = sim.snapshot, sim.model.fields(sim.stepper.state)["h"].copy()
+    sim.reset()
+    np.testing.assert_array_equal(snapshot.fields["h"], expected)
+
+
 def test_the_initial_snapshot_can_be_read_after_a_run():
     sim = small()
     start, depth = sim.snapshot, sim.start["h"]

@@ -139,8 +139,12 @@ class Scene:
     @property
     def autonomous(self) -> bool:
         """True if the tendency depends on the state alone and not on time."""
-        steady_wind = self.wind is None or self.steady_wind
-        return steady_wind and (self.forcing is None or self.steady_forcing)
+        return not self.unsteady_wind and (self.forcing is None or self.steady_forcing)
+
+    @property
+    def unsteady_wind(self) -> bool:
+        """True if a prescribed wind depends on time."""
+        return self.wind is not None and not self.steady_wind
 
     @property
     def linear(self) -> bool:

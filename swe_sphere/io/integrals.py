@@ -8,8 +8,7 @@ the mesh. With |.| the length of the value (a number or a two-component vector),
 If the exact field y vanishes everywhere, the norms are the absolute ones, in the units of the
 field. (Williamson et al. 1992, eqs. 82-87 and 140-142, doi:10.1016/S0021-9991(05)80016-6.)
 
-Tracers are identified by their names; for each of them the fields contain the mass hq_NAME (N,) [m]
-and the mixing ratio q_NAME (N,).
+For each tracer the fields contain the mass hq_NAME (N,) [m] and the mixing ratio q_NAME (N,).
 """
 
 import math

@@ -186,8 +186,7 @@ def draw_winds(axes: GeoAxes, mesh: Mesh, fields: dict[str, Array], how: str) ->
 def _direction(axes: GeoAxes, grid: MapGrid, u: Array, v: Array) -> tuple[Array, Array]:
     """Return map coordinates (..., 2) of a grid, and unit vectors (..., 2) along the wind there.
 
-    Directions are measured over 1e-4 rad forwards or backwards, such that the step neither leaves
-    the map nor crosses its seam.
+    Directions are measured over 1e-4 rad, forwards or backwards so as to stay within the map.
     """
     xyz, (east, north) = position(grid.lon, grid.lat), frame(grid.lon, grid.lat)
     wind = u[..., None] * east + v[..., None] * north

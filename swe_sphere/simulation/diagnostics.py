@@ -50,21 +50,22 @@ class Snapshot:
     """A state between two steps, whose fields and numbers are computed when first requested.
 
     state: flat array of the model, on its device.  time [s], steps: since the start.  sim: the
-    simulation, without which the snapshot has fields, but neither numbers nor diagnostics.
+    simulation, needed for numbers and diagnostics.  live: True if its steps overwrite the state.
     """
 
     def __init__(
-        self, model: Model, state: wp.array, time: float, steps: int = 0, sim: Any = None
-    ) -> None:
+        self, model: Model, state: wp.array, time: float, steps: int = 0, sim: Any = None,
+        live: bool = False,
+    ) -> None:  # fmt: skip
         self.model, self.state, self.time, self.steps, self.sim = model, state, time, steps, sim
+        self._is_live = live
         self._own: dict[Diagnostic, Array] = {}
         self._is_evaluating = False
 
     @cached_property
     def fields(self) -> Fields:
         """u, v [m s-1] and h [m], and of each tracer hq_NAME [m] and q_NAME, each (N,)."""
-        live = self.sim is not None and self.sim.steps != self.steps
-        if live and self.state is self.sim.stepper.state:
+        if self._is_live and self.sim.steps not in (0, self.steps):  # 0 after a reset
             when = f"is of step {self.steps}, the simulation is at step {self.sim.steps}"
             raise RunFailed(f"the snapshot {when}: read its fields before the next step")
         return self.model.fields(self.state, self.time)

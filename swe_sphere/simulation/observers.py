@@ -166,7 +166,7 @@ class HealthCheck(Observer):
         advice = "take a smaller dt"
         if dt <= limit:
             advice = "try a finer mesh, a smaller dt or more dissipation (edge-penalty.c=default)"
-        if not planning.changes_wind(self._sim.scene):
+        if not self._sim.scene.unsteady_wind:
             bound += " at the initial state"
         return Unstable(f"{failure}: dt = {dt:.6g} s, {bound}; {advice}")
 

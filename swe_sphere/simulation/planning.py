@@ -19,7 +19,6 @@ from swe_sphere.settings.values import convert
 
 if TYPE_CHECKING:  # imports Warp
     from swe_sphere.equations.model import Model
-    from swe_sphere.equations.scene import Scene
     from swe_sphere.equations.spectrum import Spectrum
     from swe_sphere.steppers import Stepper
 
@@ -63,7 +62,7 @@ def limiting_times(model: Model, days: float) -> list[float]:
 
     An unsteady wind is compared at irregular times, which no period fits, until it fails.
     """
-    if not changes_wind(model.scene):
+    if not model.scene.unsteady_wind:
         return [0.0]
     golden, state, rates = 0.5 * (math.sqrt(5.0) - 1.0), model.initial_state(), dict[float, float]()
     with suppress(ConfigError):
@@ -71,11 +70,6 @@ def limiting_times(model: Model, days: float) -> list[float]:
             fields = model.fields(state, t)
             rates[t] = (np.hypot(fields["u"], fields["v"]) / np.sqrt(model.mesh.area)).max()
     return [0.0, max(rates, key=lambda t: rates[t])]
-
-
-def changes_wind(scene: Scene) -> bool:
-    """Return whether a prescribed wind changes with time."""
-    return scene.wind is not None and not scene.steady_wind
 
 
 @dataclass(frozen=True)
@@ -322,8 +316,8 @@ def automatic_step(sim: Any, days: float) -> tuple[float, str]:
     exceeds. Raises ConfigError if the stability limit is not a positive number.
     """
     kind, limit = sim.kind, sim.stable_dt()
-    state, times = sim.model.initial_state(), limiting_times(sim.model, sim.days)
-    winds = [sim.model.fields(state, t) for t in times]
+    state = sim.model.initial_state()
+    winds = [sim.model.fields(state, t) for t in sim.limiting_times()]
     if not limit > 0.0:
         raise ConfigError(
             f"the stability limit of {kind.name} is {limit:g} s: choose a step with --dt"

@@ -129,8 +129,7 @@ class Simulation(NotCopyable):
         resumed: the checkpoint to resume from, see `from_checkpoint`.
         initial: replaces the initial state of the scene: the file of a run or its dataset, on any
             mesh, of which initial_time [days] chooses the frame, or a function as `Scene.initial`.
-        settings: further fields of `RunConfig`: ne, np, dt [s], days, every [h], device,
-            precision, tolerance, adaptive, ...
+        settings: further fields of `RunConfig`: ne, np, dt [s], days, every [h], precision, ...
 
     Examples:
         >>> from swe_sphere import Simulation
@@ -204,7 +203,8 @@ class Simulation(NotCopyable):
         launch, self.comm = (config.device, config.precision, config.launch), world()
         self.model = Model(self.mesh, self.scene, *launch, comm=self.comm)
         """The compiled right-hand side."""
-        self._limits: dict[float, float] = {}  # by the length of the run
+        self._times: dict[float, list[float]] = {}  # by the length of the run [days]
+        self._limits: dict[float, float] = {}  # by the last of these times [s]
         self.warn: Warn = lambda text: None
         """Called with each warning of a run."""
         self.own_axes: dict[Diagnostic, tuple[int, list[tuple[Any, ...]]]] = {}
@@ -285,14 +285,19 @@ class Simulation(NotCopyable):
 
         An unsteady wind counts at its strongest in the run. ConfigError if it is not a number.
         """
-        days = self.days if planning.changes_wind(self.scene) else 0.0
-        if days not in self._limits:
+        strongest = (times := self.limiting_times())[-1]
+        if strongest not in self._limits:
             counted = dict(self.model.counters)
-            times = planning.limiting_times(self.model, days)
             spectra = planning.run_spectra(self.kind, self.model, times)
             self.model.counters.update(counted)  # the run does not count these evaluations
-            self._limits[days] = planning.stability_limit(self.kind, spectra)
-        return self._limits[days]
+            self._limits[strongest] = planning.stability_limit(self.kind, spectra)
+        return self._limits[strongest]
+
+    def limiting_times(self) -> list[float]:
+        """Return the times [s] that limit the steps of the run; see `planning.limiting_times`."""
+        if self.days not in self._times:
+            self._times[self.days] = planning.limiting_times(self.model, self.days)
+        return self._times[self.days]
 
     @cached_property
     @exclusive
@@ -517,7 +522,7 @@ class Simulation(NotCopyable):
 
         Raises:
             ConfigError: the run is impossible as requested; no step was taken.
-            KeyboardInterrupt: Ctrl-C, as other signals; the last frame has been written.
+            KeyboardInterrupt: Ctrl-C; the last frame is written. Other signals take effect, too.
         """
         since = command_began.get(time.monotonic())
         asked: dict[str, Any] = {"days": days, "every": every, "time_limit": time_limit, "out": out}
@@ -625,7 +630,8 @@ class Simulation(NotCopyable):
         """The present state, with its fields as arrays (N,)."""
         if self._snapshot is None or self._snapshot.steps != self.steps:
             state = self.model.initial_state() if self._stepper is None else self._stepper.state
-            self._snapshot = Snapshot(self.model, state, self.time, self.steps, self)
+            live = self._stepper is not None
+            self._snapshot = Snapshot(self.model, state, self.time, self.steps, self, live)
         return self._snapshot
 
     def release(self) -> None:

@@ -121,7 +121,7 @@ class NewtonKrylov:
         scale: reference of rtol instead of |F(x_0)|, so that a better guess saves work; at least
         one correction is computed. floor: a residual for which a second correction does not pay. A
         tolerance below the accuracy of the arithmetic, 0 included, is met by corrections of
-        round-off size: the result then sets `roundoff`. Points where F is not finite are left.
+        round-off size: the result then sets `roundoff`. Steps are shortened where F is not finite.
         """
         problem.residual(x, self._residual)
         first = self.space.norm(self._residual)

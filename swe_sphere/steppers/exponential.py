@@ -75,8 +75,7 @@ SHORTEST_SUBSTEP = 1e-4
 class ExponentialResult:
     """A solve, in progress or finished, to `length` [s] with an error of at most `tolerance`.
 
-    iterations: Krylov vectors; steps: steps taken; done: the time [s] that is reached; fault:
-    description of a failure, if any.
+    iterations: Krylov vectors; steps: steps taken; done: time reached [s]; fault: why it failed.
     """
 
     operator: Operator

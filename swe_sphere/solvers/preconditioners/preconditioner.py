@@ -33,7 +33,7 @@ class Preconditioner(ABC):
     holds their mixing ratios: z_hq = r_hq + q (z_h - r_h). This is block elimination with the
     gravity waves of the depth, because -div(hq V) is q times -div(h V) apart from the gradient of
     q, which is advection and omitted here as it is for the depth. A constant q gives z_hq = q z_h
-    for r_hq = q r_h, and so for every Krylov vector: it stays constant to round-off, always.
+    for r_hq = q r_h, and so for every Krylov vector: q stays constant to round-off.
     """
 
     name: ClassVar[str]

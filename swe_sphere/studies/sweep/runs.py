@@ -239,9 +239,8 @@ class Discretisation:
         own = kind.spectrum.__func__ is not Stepper.spectrum.__func__  # type: ignore[attr-defined]
         of = kind if own else Stepper
         if of not in self._spectra:
-            model = self.sim.model
-            times = planning.limiting_times(model, self.sim.days)
-            self._spectra[of] = planning.run_spectra(kind, model, times)
+            times = self.sim.limiting_times()
+            self._spectra[of] = planning.run_spectra(kind, self.sim.model, times)
         return planning.stability_limit(kind, self._spectra[of])
 
 
