@@ -160,6 +160,28 @@ def test_an_automatic_run_that_stopped_resumes_with_its_steps(tmp_path, stepper)
     assert again.steps == whole.steps and "step_changes" not in again.summary
 
 
+@pytest.mark.parametrize("stepper", ["rk4", "bdf2"])
+@pytest.mark.parametrize(
+    ("settings", "ends", "at"),
+    [({}, [0.537], 12), ({}, [0.1, 0.537], 13), ({"dt": 1000.0}, [0.337], 5)],
+    ids=["before the last step", "after another change", "with a requested step"],
+)
+def test_a_run_whose_last_step_is_shorter_resumes_exactly(tmp_path, stepper, settings, ends, at):
+    whole, part = small(stepper=stepper, **settings), small(stepper=stepper, **settings)
+    for end in ends[:-1]:
+        whole.run(days=end)
+        part.run(days=end)
+    whole.run(days=ends[-1], every=1)
+    assert whole.plan.tail == 1 and whole.steps > at
+    part.run(days=ends[-1], every=1, callbacks=[lambda sim: sim.steps < at or stop(sim)])
+    assert part.steps == at
+    part.checkpoint(tmp_path / "a.npz")
+    again = Simulation.from_checkpoint(tmp_path / "a.npz")
+    again.run(days=ends[-1], every=1)
+    assert np.array_equal(again.stepper.state.numpy(), whole.stepper.state.numpy())
+    assert again.steps == whole.steps
+
+
 def stop(sim):
     raise ConfigError("enough")
 

@@ -199,7 +199,7 @@ def time_plan(
     tail = together if left else 0
     return RunPlan(
         float(step), whole + tail, together * round(interval / (together * step)), dt,
-        cycle=together, tail=tail, last=float(left / together),
+        cycle=together, tail=tail, last=round(float(left / together), 6),
     )  # fmt: skip
 
 
@@ -217,9 +217,8 @@ def continued_plan(
     `time_plan`.  done: number of steps taken so far.  Raises ConfigError if the frames or the
     further times are no whole number of steps, or where the run has already reached that length.
     """
-    now, cycle, origin = plan.time(done), plan.cycle, plan.origin
-    end = float(_as_fraction(days * DAY))
-    if end <= now + 1e-6:
+    now, cycle, origin, length = plan.time(done), plan.cycle, plan.origin, _as_fraction(days * DAY)
+    if (end := float(length)) <= now + 1e-6:
         raise ConfigError(
             f"the run is already at day {now / DAY:g}: give more than days={days:g} (the length"
             " counts from the initial state)"
@@ -227,7 +226,7 @@ def continued_plan(
     long = cycle * plan.dt
     for seconds in also:
         _check_whole("every of a callback or file", seconds, long, origin)
-    interval = _interval(_as_fraction(end), every, plan.dt)
+    interval = _interval(length, every, plan.dt)
     if every is not None:
         _check_whole("every", float(interval), long, origin)
     frame_steps = cycle * max(1, round(interval / long))
@@ -235,7 +234,7 @@ def continued_plan(
     left = end - origin - whole * long
     tail = cycle if left > 1e-6 * plan.dt else 0
     steps = plan.first + cycle * whole + tail
-    last = left / cycle if tail else 0.0
+    last = round(left / cycle, 6) if tail else 0.0
     return replace(plan, steps=steps, frame_steps=frame_steps, tail=tail, last=last, wanted=plan.dt)
 
 
@@ -360,9 +359,10 @@ def plan_run(sim: Any, also: Sequence[float] = ()) -> RunPlan:
     plan = time_plan(days, every, dt, also, cycle, fewer, automatic)
     if done:
         plan = led_plan(plan, done, sim.time, also)
-        near = plan.dt / WORTH_A_CHANGE, ROUNDING * dt
-        if present is not None and not present.tail and near[0] <= present.dt <= near[1]:
-            return present
+        if present is not None and present.length(done) <= ROUNDING * dt:
+            long = present.dt >= plan.dt / WORTH_A_CHANGE
+            if (done == present.tail_begin) if present.tail else long:
+                return present
     return replace(plan, rule=rule)
 
 
