@@ -78,8 +78,7 @@ def deformational(case: Literal[1, 2, 3, 4] = 4) -> Scene:
         return *wind(lon, lat, t), AIR + known + 0.0 * (lon + lat)
 
     def exact_tracers(lon: Array, lat: Array, t: float) -> dict[str, Array]:
-        known = _unless_away(t)
-        return {name: formula(lon, lat) + known for name, formula in tracers.items()}
+        return {name: formula(lon, lat) + _unless_away(t) for name, formula in tracers.items()}
 
     return build_scene(
         "deformational", title=f"deformational flow, case {case}", exact=exact, wind=wind,

@@ -58,8 +58,7 @@ def williamson1(alpha: float = 0.0, gaussian: bool = False) -> Scene:
         if gaussian:
             depth = 1000.0 * np.exp(-5.0 * np.sum((point - centre) ** 2, axis=-1))
         else:
-            within = np.minimum(3.0 * angle(point, centre), 1.0)
-            depth = 500.0 * (1.0 + np.cos(np.pi * within))
+            depth = 500.0 * (1.0 + np.cos(np.pi * np.minimum(3.0 * angle(point, centre), 1.0)))
         return *wind(lon, lat, t), depth
 
     return build_scene(

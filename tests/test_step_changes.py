@@ -15,6 +15,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.planet import DAY, HOUR
+from swe_sphere.simulation.config import Output
 from swe_sphere.simulation.observers import every
 from swe_sphere.simulation.planning import led_plan, time_plan
 from swe_sphere.simulation.simulation import Simulation
@@ -287,3 +288,15 @@ def test_changes_of_the_step_do_not_pile_up_steppers():
     finally:
         gc.enable()
     assert len(sim.summary["step_changes"]) == 5 and kept[5] == kept[4] == kept[3]
+
+
+def test_a_refused_run_leaves_the_options_of_the_next_one(tmp_path):
+    sim = small(dt=1000.0, stepper="rk4")
+    sim.run(days=0.1)
+    with pytest.raises(ConfigError, match="every"):
+        sim.run(days=0.3, outputs=[Output(tmp_path / "a.nc", every=0.7)])
+    other = tmp_path / "other.txt"
+    other.write_text("not of a run")
+    with pytest.raises(ConfigError):
+        sim.run(days=0.2, outputs=[Output(other)])
+    assert sim.config.outputs == () and sim.run(days=0.2).completed

@@ -113,8 +113,7 @@ def on_grid(data: xr.Dataset, at: Interpolator, grid: Grid) -> xr.Dataset:
         found[name].attrs = {k: x for k, x in data[name].attrs.items() if k not in on_mesh}
     attributes = data.attrs | {"Conventions": "CF-1.11", "grid": grid.name}
     result = xr.Dataset({name: found[name] for name in names}, attrs=attributes)
-    result = result.assign(data[profiles_of(data)])
-    return result.assign_coords(_coordinates(grid, at.mesh.radius))
+    return result.assign(data[profiles_of(data)]).assign_coords(_coordinates(grid, at.mesh.radius))
 
 
 def fields_of(data: xr.Dataset) -> list[str]:

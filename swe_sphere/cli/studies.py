@@ -181,8 +181,7 @@ def ensemble(
     place = out or Path(f"{Path(config.scene).stem}_ensemble")
     for path in () if config.overwrite else spread_files(field, place):
         check_ours(path, *MARKS, what="is not of an ensemble")
-    members = run_members(config, _seeds(seeds), place, typer.echo)
-    found = spread(members, field)
+    found = spread(run_members(config, _seeds(seeds), place, typer.echo), field)
     typer.echo(f"{'day':>6}  {'spread':>10}  growth [1/day]")
     for day, value, rate in found.itertuples(index=False):
         typer.echo(f"{day:6.4g}  {value:10.4g}  {'–' if np.isnan(rate) else f'{rate:.3f}'}")

@@ -262,5 +262,4 @@ def dissection_order(mesh: Mesh) -> Integers:
     first = np.minimum.reduceat(owners, mesh.gather_offsets[:-1])
     last = np.maximum.reduceat(owners, mesh.gather_offsets[:-1])
     _, height = np.frexp((first ^ last).astype(np.float64))  # height of the smallest common part
-    end = ((first >> height) + 1) << height
-    return np.lexsort((height, end))
+    return np.lexsort((height, ((first >> height) + 1) << height))

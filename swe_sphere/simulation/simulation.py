@@ -539,13 +539,17 @@ class Simulation(NotCopyable):
         days = self.scene.days if config.days is None else config.days
         if overwrite and self.steps and days * DAY <= self.time + 1e-6:
             self.reset()
-        self.config = config
-        self._check_reference()
+        before, self.config = self.config, config
         calls = [each for each in observers if isinstance(each, Callback)]
         times = [output.every * HOUR for output in config.outputs if output.every]
-        self.begin(also=[*times, *(call.seconds for call in calls if call.seconds)])
-        for call in calls:
-            call.check(self.plan)
+        try:
+            self._check_reference()
+            self.begin(also=[*times, *(call.seconds for call in calls if call.seconds)])
+            for call in calls:
+                call.check(self.plan)
+        except ConfigError:
+            self.config = before
+            raise
         if self.comm.rank == 0 and (is_watched() if progress is None else progress):
             observers.append(ProgressBar())
         self.warn = warn or self._warn
@@ -558,6 +562,9 @@ class Simulation(NotCopyable):
             observers.append(self._kept)
         try:
             files = self._open_files()
+        except ConfigError:
+            self.config = before
+            raise
         except (RunFailed, *BREAKDOWNS) as error:
             self._ended_by(error)
         else:

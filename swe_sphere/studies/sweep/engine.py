@@ -171,8 +171,7 @@ class Sweep:
             if plan.jobs > 1:
                 parts = self._parts()
                 self._watcher.expect(len(parts))
-                begin = partial(making_parts, plan, self._folder)
-                for _ in in_processes(plan.jobs, begin, parts):
+                for _ in in_processes(plan.jobs, partial(making_parts, plan, self._folder), parts):
                     self._watcher.done()
                 self._runner.read(runs_of(self._folder))
             if plan.target_error:
