@@ -10,8 +10,7 @@ from swe_sphere.kernels.define import func, kernel, real, vector
 
 @func
 def flux(h0: real, u0: real, h1: real, u1: real):
-    sixth = real(1.0) / real(6.0)
-    return sixth * (real(2.0) * (h0 * u0 + h1 * u1) + h0 * u1 + h1 * u0)
+    return real(1.0) / real(6.0) * (real(2.0) * (h0 * u0 + h1 * u1) + h0 * u1 + h1 * u0)
 
 
 @func

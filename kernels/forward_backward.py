@@ -77,8 +77,7 @@ def carrying_kernel(t: KernelTypes, damped: bool) -> Any:
 
     The kernel steps the masses at nodes inside the elements of the first `block_groups` groups.
     """
-    finish = _finish_mass(t.terms.unknowns, geometry, t.point, damped)
-    return field_kernel(t, transport(), finish)
+    return field_kernel(t, transport(), _finish_mass(t.terms.unknowns, geometry, t.point, damped))
 
 
 @functools.cache

@@ -176,6 +176,17 @@ def test_a_file_that_a_killed_program_left_is_removed_and_one_in_use_is_not(tmp_
     assert [*tmp_path.iterdir()] == [path]
 
 
+def test_programs_that_write_a_file_at_the_same_time_do_not_fail(tmp_path):
+    path = tmp_path / "page.html"
+    code = (
+        "from pathlib import Path; from swe_sphere.files.durable import write_whole\n"
+        f"for n in range(400): write_whole(Path({str(path)!r}), f'{{n:03}}')"
+    )
+    writers = [subprocess.Popen([sys.executable, "-c", code]) for _ in range(4)]
+    assert [writer.wait() for writer in writers] == [0] * 4
+    assert path.read_text() == "399" and [*tmp_path.iterdir()] == [path]
+
+
 @pytest.mark.parametrize("used", range(3))
 def test_a_file_in_use_does_not_keep_others_from_being_removed(tmp_path, used):
     path = tmp_path / "page.html"

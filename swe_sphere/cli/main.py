@@ -64,8 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
     0: done, 2: the request cannot be carried out as written, 1: the run failed, 130: interrupted.
     """
-    age = process_age() if arguments is None else 0.0
-    token = command_began.set(time.monotonic() - age)
+    token = command_began.set(time.monotonic() - (process_age() if arguments is None else 0.0))
     arguments = sys.argv[1:] if arguments is None else arguments
     open_streams()
     try:

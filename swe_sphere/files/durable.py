@@ -146,17 +146,23 @@ def _remove_unfinished(path: Path, own: Path | None = None) -> None:
     for passed_over in (ConfigError, FileNotFoundError):  # the second round may raise ConfigError
         for left in [each for each in _marked(path) if each != own]:
             with suppress(FileNotFoundError, passed_over):
-                release(_locked(left, os.O_RDONLY | os.O_NOFOLLOW, path))
-                remove(left)
+                file = _locked(left, os.O_RDONLY | os.O_NOFOLLOW, path)
+                remove(left)  # before its creator, who has not locked it yet, can do so
+                release(file)
 
 
-def _create(path: Path, folder: bool = False) -> tuple[int, Path]:
+def _create(path: Path, folder: bool = False, tries: int = 5) -> tuple[int, Path]:
     """Create and lock a temporary file or folder; return its descriptor and its name."""
     part = _new_name(path)
     if folder:
         part.mkdir()
     kind = os.O_RDONLY | os.O_DIRECTORY if folder else os.O_RDWR | os.O_CREAT | os.O_EXCL
-    return _locked(part, kind | os.O_NOFOLLOW, path), part
+    try:
+        return _locked(part, kind | os.O_NOFOLLOW, path), part
+    except (ConfigError, FileNotFoundError):  # removed by another program before it was locked
+        if tries and path.parent.exists():
+            return _create(path, folder, tries - 1)
+        raise
 
 
 @contextmanager

@@ -114,8 +114,7 @@ def draw_state(
         raise ConfigError(f"ax keeps its projection and extent: leave out {names}")
     elif ax.get_autoscale_on():
         ax.set_global()
-    time = state.nearest(time)
-    Drawing(state, field, look, grid_of(ax, ROWS)).draw(ax, time, within=within)
+    Drawing(state, field, look, grid_of(ax, ROWS)).draw(ax, state.nearest(time), within=within)
     return ax
 
 

@@ -69,8 +69,7 @@ class MultirateInfinitesimalStep(FlowLimitStepper):
             self._steps = substep_counts(beta, max(dt * radius, ANGLE * substeps))
         self._moved = model.zeros() if self._fast is None else self._fast.state
         self._rate, self._stage, self._nothing = (model.zeros() for _ in range(3))
-        shape = (2 * STAGES - 1, model.size)
-        stack = wp.zeros(shape, dtype=self.state.dtype, device=model.device)
+        stack = wp.zeros((2 * STAGES - 1, model.size), dtype=self.state.dtype, device=model.device)
         self._changes = [stack[0], stack[1], self._moved]
         self._slopes = [stack[2 + i] for i in range(STAGES)]
         weights = beta / beta.sum(axis=1)[:, None]

@@ -62,8 +62,7 @@ def smooth_functions(mesh: Mesh) -> ElementSpace:
     """
     cells = -(-(mesh.np - 1) // 3)
     cells += mesh.np % 2 == 0 and cells % 2 == 0  # there is no middle node to separate them
-    targets = np.linspace(-1.0, 1.0, cells + 1)
-    kept = np.abs(mesh.gll_points[:, None] - targets).argmin(axis=0)
+    kept = np.abs(mesh.gll_points[:, None] - np.linspace(-1.0, 1.0, cells + 1)).argmin(axis=0)
     kept[cells // 2 + 1 :] = mesh.np - 1 - kept[: cells - cells // 2][::-1]
     hats = np.stack(
         [np.interp(mesh.gll_points, mesh.gll_points[kept], h) for h in np.eye(cells + 1)]
