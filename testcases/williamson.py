@@ -106,8 +106,7 @@ def williamson3(alpha: float = 0.0) -> Scene:
         around = np.hypot(east, north)  # cosine of the tilted latitude
         latitude = np.arctan2(sine, around)
         turning = JET(latitude) / np.where(around > 0.0, around, 1.0)
-        depth = (2.94e4 - JET.drop(latitude)) / EARTH.gravity
-        return turning * east, turning * north, depth
+        return turning * east, turning * north, (2.94e4 - JET.drop(latitude)) / EARTH.gravity
 
     return _steady(3, exact, alpha)
 

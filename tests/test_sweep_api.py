@@ -282,3 +282,14 @@ def test_an_error_that_passes_is_not_stored(tmp_path):
         status()
     Passing.fails = False
     assert status() == {"completed"}
+
+
+def test_a_sweep_contains_the_stability_limit_of_each_stepper():
+    found = sweep("williamson2", ["rk4", "ssprk3", "bdf2"], **TINY)
+    for stepper in ("rk4", "ssprk3"):
+        of = found.stable_dt.values[found.stepper.values == stepper]
+        sim = Simulation("williamson2", ne=2, np=4, days=0.25, stepper=stepper)
+        assert of == pytest.approx(sim.stable_dt(), rel=1e-12)
+    assert np.isnan(found.stable_dt.values[found.stepper.values == "bdf2"]).all()
+    numbers = [n for n, values in found.data_vars.items() if values.dtype.kind == "f"]
+    assert [n for n in numbers if not np.isfinite(found[n].values).any()] == []

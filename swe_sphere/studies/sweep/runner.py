@@ -264,11 +264,12 @@ class Runner:
         self.spent += numbers.get("wall_seconds", 0.0)
         if "compile_seconds" in numbers:
             numbers["compile_seconds"] += compiled
+        limit = {} if spec.integrator.refusal else {"stable_dt": spec.integrator.stable_dt}
         untold = dict.fromkeys(TIMES if self._jobs > 1 else ())
         record = RunRecord(
             key=spec.key, repeat=repeat, role=spec.role, config=spec.resolved,
             status=ended.status, reason=ended.reason or "",
-            numbers=numbers | spec.integrator.space.limits | untold, errors=[],
+            numbers=numbers | spec.integrator.space.limits | limit | untold, errors=[],
             time_limit=time_limit, sources=self._sources | spec.integrator.sources,
             jobs=self._jobs,
         )  # fmt: skip
