@@ -1,6 +1,7 @@
 """Figures of a sweep from Python: `ds.sweep.plot_cost`, `plot_step_size` and `plot_limits`."""
 
 import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
@@ -24,7 +25,7 @@ def dataset():
 @pytest.fixture(autouse=True)
 def figures_are_closed():
     yield
-    mpl.pyplot.close("all")
+    plt.close("all")
 
 
 def labels(axes):
@@ -43,7 +44,7 @@ def test_a_new_figure_has_the_width_of_a_column(dataset):
 
 @pytest.mark.parametrize("name", ["plot_cost", "plot_step_size", "plot_limits"])
 def test_figures_are_drawn_into_axes_of_the_user(dataset, name, tmp_path):
-    _, (left, right) = mpl.pyplot.subplots(1, 2)
+    _, (left, right) = plt.subplots(1, 2)
     assert getattr(dataset.sweep, name)(ax=right) is right
     assert right.lines and not left.lines
     right.figure.savefig(tmp_path / "figure.pdf")
