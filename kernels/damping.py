@@ -74,7 +74,6 @@ def joined_kernel(given: Any) -> Any:
         out: wp.array(dtype=given),
     ):  # fmt: skip
         node = begin + lanes * wp.tid()
-        mean = mul(load(inverse_area, node), gather(field, places, node, 0))
-        put_as(out, first + node, mean)
+        put_as(out, first + node, mul(load(inverse_area, node), gather(field, places, node, 0)))
 
     return joined

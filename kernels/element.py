@@ -181,8 +181,7 @@ def scratch(t: KernelTypes, *kinds: Any) -> list[Any]:
 
     Arrays that a kernel allocates through Warp are zeroed first and not aligned to cache lines.
     """
-    size = wp.types.type_size_in_bytes
-    sizes = [t.np * t.np * size(specialise(kind, t)) for kind in kinds]
+    sizes = [t.np * t.np * wp.types.type_size_in_bytes(specialise(kind, t)) for kind in kinds]
     assert sum(sizes) <= work_bytes(t.np)
     return [wp.uint64(sum(sizes[:i])) for i in range(len(sizes))]
 

@@ -64,8 +64,7 @@ def tendency_kernels(t: KernelTypes, finish_of: Any = finish_rates) -> list[Any]
         e, n = wp.tid()
         add_terms(geo, x, begin + e, n, out, done)
 
-    launched = tendency if by_node else tendency_of_groups
-    return [specialise(made, t) for made in (*fluxes, launched)]
+    return [specialise(made, t) for made in (*fluxes, tendency if by_node else tendency_of_groups)]
 
 
 @functools.cache

@@ -36,8 +36,7 @@ def add_4(
     out: vector,
 ):  # fmt: skip
     i = wp.tid()
-    r = load(x, i) + ca * load(a, i) + cb * load(b, i)
-    put(out, i, r + cc * load(c, i) + cd * load(d, i))
+    put(out, i, load(x, i) + ca * load(a, i) + cb * load(b, i) + cc * load(c, i) + cd * load(d, i))
 
 
 ADDERS = {1: add_1, 2: add_2, 3: add_3, 4: add_4}

@@ -94,7 +94,8 @@ class MultirateInfinitesimalStep(FlowLimitStepper):
                 self._fast.move(rest, self._rate, self._durations[i], self._steps[i], x)
                 model.counters["fast_steps"] += self._steps[i]
             combine(self._moved, *self._means[i], out=change)
-            combine(x, change, 1.0, out=self._stage if i + 1 < STAGES else x)
+            stage = self._stage if i + 1 < STAGES else x
+            combine(x, change, 1.0, out=stage)
 
     @classmethod
     def _matrices(cls) -> tuple[Array, Array, Array]:

@@ -18,7 +18,7 @@ OPTIMAL = read_toml(Path(__file__).with_name("chebyshev.toml"))
 def chebyshev_coefficients(degree: int, largest: float) -> list[tuple[float, float, float]]:
     """Return (keep, take, beta) of the steps d = keep d + take D^-1 r, x += beta d, then r -= S d.
 
-    `largest` bounds the spectrum of D^-1 S (Lottes 2023, algorithm 4.1); degree 1 to 6.
+    `largest` bounds the spectrum of D^-1 S (Lottes 2023, algorithm 4.1); degree 1 to 16.
     """
     return [
         (max(2 * k - 3, 0) / (2 * k + 1), (8 * k - 4) / ((2 * k + 1) * largest), beta)

@@ -11,16 +11,17 @@ from swe_sphere.operators.schur import Rate, SchurOperator, Step
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, schur_bound
 from swe_sphere.solvers.preconditioners.coarse import CoarseCorrection
 
+DEGREES = {3: 3, 4: 2}
+"""Number of Chebyshev steps by np.  At np 3 all families of waves share the wave with nodal values
+1, 0, -1, 0: the coarse correction overshoots it, and two steps do not reduce it, so that the cycle
+is singular from some mesh size on."""
 LONG = 10.0
 """Gravity-wave Courant number (root of the largest diagonal entry of S) above which one more
 Chebyshev step after the last correction pays off and, without `symmetric`, a second cycle."""
-COURANT_A_CYCLE = 20.0
-MOST_CYCLES = 4
+COURANT_A_CYCLE, MOST_CYCLES = 20.0, 4
 """Each such increase of the gravity-wave Courant number adds a cycle, up to MOST_CYCLES."""
-DEGREES = {3: 3, 4: 2}
-"""Number of Chebyshev steps by np, otherwise 4.  At np 3 all families of waves share the wave with
-nodal values 1, 0, -1, 0: the coarse correction overshoots it, and two steps do not reduce it, so
-that the cycle is singular from some mesh size on."""
+COURANT_A_STEP, LEAST_STEPS, MOST_STEPS = 2.2, 4, 16
+"""With other np one cycle costs less, with a Chebyshev step for each such Courant number."""
 
 
 def schur_operator(
@@ -38,8 +39,8 @@ def schur_operator(
 class Multilevel:
     """Cycles of a coarse correction, of smooth waves and computational modes, and Chebyshev steps.
 
-    Large gravity-wave Courant numbers add a Chebyshev step and more cycles. With `symmetric`, as
-    many steps precede each correction, as conjugate gradients need.
+    Large gravity-wave Courant numbers add Chebyshev steps, and cycles up to np 4. With `symmetric`,
+    as many steps precede each correction, as conjugate gradients need.
     """
 
     def __init__(self, operator: SchurOperator, symmetric: bool = False) -> None:
@@ -51,15 +52,17 @@ class Multilevel:
     def setup(self, tau: float, depth: Array) -> None:
         """Prepare for the implicit step tau [s] and the depth (N,) [m] of the operator."""
         courant = float(np.sqrt(self.operator.diagonal.max()))
-        degree, is_long = DEGREES.get(self.operator.mesh.mesh.np, 4), courant > LONG
-        largest = schur_bound(self.operator)
-        self._steps = self._between = chebyshev_coefficients(degree + is_long, largest)
-        cycles = 1 + int(courant / COURANT_A_CYCLE)
-        if is_long and not self._symmetric:
-            self._between = chebyshev_coefficients(degree - (cycles == 1), largest)
-            cycles = max(cycles, 2)
+        largest, few = schur_bound(self.operator), DEGREES.get(self.operator.mesh.mesh.np)
+        last = between = min(max(round(courant / COURANT_A_STEP), LEAST_STEPS), MOST_STEPS)
+        self._cycles = 1
+        if few is not None:
+            last = between = few + (courant > LONG)
+            self._cycles = min(1 + int(courant / COURANT_A_CYCLE), MOST_CYCLES)
+            if courant > LONG and not self._symmetric:
+                between = few - (self._cycles == 1)
+                self._cycles = max(self._cycles, 2)
+        self._steps, self._between = (chebyshev_coefficients(n, largest) for n in (last, between))
         self._coarse.setup(tau, depth)
-        self._cycles = min(cycles, MOST_CYCLES)
 
     def solve(self, b: Field, x: Field) -> None:
         """Set x to about S^-1 b; b is overwritten."""
