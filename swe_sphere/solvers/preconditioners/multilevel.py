@@ -18,10 +18,10 @@ is singular from some mesh size on."""
 LONG = 10.0
 """Gravity-wave Courant number (root of the largest diagonal entry of S) above which one more
 Chebyshev step after the last correction pays off and, without `symmetric`, a second cycle."""
-COURANT_A_CYCLE, MOST_CYCLES = 20.0, 4
-"""Each such increase of the gravity-wave Courant number adds a cycle, up to MOST_CYCLES."""
+COURANT_A_CYCLE, MOST_CYCLES = (20.0, 100.0), 4
+"""Each such increase of the gravity-wave Courant number, up to np 4 and above, adds a cycle."""
 COURANT_A_STEP, LEAST_STEPS, MOST_STEPS = 2.2, 4, 16
-"""With other np one cycle costs less, with a Chebyshev step for each such Courant number."""
+"""Above np 4 a Chebyshev step is taken for each such Courant number: it costs less than cycles."""
 
 
 def schur_operator(
@@ -39,8 +39,8 @@ def schur_operator(
 class Multilevel:
     """Cycles of a coarse correction, of smooth waves and computational modes, and Chebyshev steps.
 
-    Large gravity-wave Courant numbers add Chebyshev steps, and cycles up to np 4. With `symmetric`,
-    as many steps precede each correction, as conjugate gradients need.
+    Large gravity-wave Courant numbers add Chebyshev steps and cycles. With `symmetric`, as many
+    steps precede each correction, as conjugate gradients need.
     """
 
     def __init__(self, operator: SchurOperator, symmetric: bool = False) -> None:
@@ -54,10 +54,9 @@ class Multilevel:
         courant = float(np.sqrt(self.operator.diagonal.max()))
         largest, few = schur_bound(self.operator), DEGREES.get(self.operator.mesh.mesh.np)
         last = between = min(max(round(courant / COURANT_A_STEP), LEAST_STEPS), MOST_STEPS)
-        self._cycles = 1
+        self._cycles = min(1 + int(courant / COURANT_A_CYCLE[0 if few else 1]), MOST_CYCLES)
         if few is not None:
             last = between = few + (courant > LONG)
-            self._cycles = min(1 + int(courant / COURANT_A_CYCLE), MOST_CYCLES)
             if courant > LONG and not self._symmetric:
                 between = few - (self._cycles == 1)
                 self._cycles = max(self._cycles, 2)
