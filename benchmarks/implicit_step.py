@@ -131,7 +131,8 @@ def smoothing() -> Section:
         "Chebyshev steps of a cycle above np 4",
         "williamson5, one core. CPU time of a step, the lesser of two runs in turns. The last "
         "columns contain the time with a fixed number of Chebyshev steps over that with the "
-        "number that is kept, and in brackets the Krylov iterations a step.",
+        "number that is kept, and in brackets the Krylov iterations a step. The Courant number is "
+        "the root of the largest diagonal entry of S, for the implicit time τ.",
         ["mesh", "stepper", "Δt [s]", "Courant number", "kept", "ms a step",
          *(f"{n} steps" for n in SMOOTHING)],
         rows,
