@@ -66,8 +66,7 @@ def _line_sums(order: int, rows: Any, name: str, at_node: Any, transposed: bool)
             put(room, n + turn, r1, r2)
         meet()
         s1 = along(room, geo.derivative, i, j)
-        s2 = across(room, geo.derivative, i, j)
-        return s1, s2
+        return s1, across(room, geo.derivative, i, j)
 
     return line_sums
 

@@ -137,8 +137,7 @@ def williamson5(speed: float = 20.0) -> Scene:
     fall = (EARTH.radius * EARTH.rotation * speed + 0.5 * speed**2) / EARTH.gravity
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        surface = 5960.0 - fall * np.sin(lat) ** 2
-        return speed * np.cos(lat), 0.0 * lat, surface - cone(lon, lat)
+        return speed * np.cos(lat), 0.0 * lat, 5960.0 - fall * np.sin(lat) ** 2 - cone(lon, lat)
 
     return build_scene(
         "williamson5", effects=(*ROTATING, Orography()), initial=initial, bottom=cone,

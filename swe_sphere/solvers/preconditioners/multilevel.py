@@ -18,10 +18,10 @@ is singular from some mesh size on."""
 LONG = 10.0
 """Gravity-wave Courant number (root of the largest diagonal entry of S) above which one more
 Chebyshev step after the last correction pays off and, without `symmetric`, a second cycle."""
-COURANT_A_CYCLE, MOST_CYCLES = (20.0, 100.0), 4
-"""Each such increase of the gravity-wave Courant number, up to np 4 and above, adds a cycle."""
-COURANT_A_STEP, LEAST_STEPS, MOST_STEPS = 2.2, 4, 16
-"""Above np 4 a Chebyshev step is taken for each such Courant number: it costs less than cycles."""
+COURANT_A_CYCLE, MOST_CYCLES = 20.0, 4
+"""Each such increase of the gravity-wave Courant number adds a cycle, up to MOST_CYCLES."""
+COURANT_A_STEP, LEAST_STEPS, MOST_STEPS, VERY_LONG = 2.2, 4, 16, 40.0
+"""Above np 4: a Chebyshev step for each such Courant number, from VERY_LONG on a second cycle."""
 
 
 def schur_operator(
@@ -53,10 +53,13 @@ class Multilevel:
         """Prepare for the implicit step tau [s] and the depth (N,) [m] of the operator."""
         courant = float(np.sqrt(self.operator.diagonal.max()))
         largest, few = schur_bound(self.operator), DEGREES.get(self.operator.mesh.mesh.np)
-        last = between = min(max(round(courant / COURANT_A_STEP), LEAST_STEPS), MOST_STEPS)
-        self._cycles = min(1 + int(courant / COURANT_A_CYCLE[0 if few else 1]), MOST_CYCLES)
-        if few is not None:
+        if few is None:
+            last = min(max(round(courant / COURANT_A_STEP), LEAST_STEPS), MOST_STEPS)
+            between = last if self._symmetric else last // 2
+            self._cycles = 1 + (courant > VERY_LONG)
+        else:
             last = between = few + (courant > LONG)
+            self._cycles = min(1 + int(courant / COURANT_A_CYCLE), MOST_CYCLES)
             if courant > LONG and not self._symmetric:
                 between = few - (self._cycles == 1)
                 self._cycles = max(self._cycles, 2)
