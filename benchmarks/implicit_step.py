@@ -132,7 +132,9 @@ def smoothing() -> Section:
         "williamson5, one core. CPU time of a step, the lesser of two runs in turns. The last "
         "columns contain the time with a fixed number of Chebyshev steps over that with the "
         "number that is kept, and in brackets the Krylov iterations a step. The Courant number is "
-        "the root of the largest diagonal entry of S, for the implicit time τ.",
+        "the root of the largest diagonal entry of S, for the implicit time τ. From 40 on there "
+        "are two cycles, the first one with half as many steps. Ratios of columns with the kept "
+        "number show the scatter, up to a tenth.",
         ["mesh", "stepper", "Δt [s]", "Courant number", "kept", "ms a step",
          *(f"{n} steps" for n in SMOOTHING)],
         rows,
