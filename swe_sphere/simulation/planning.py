@@ -361,7 +361,7 @@ def plan_run(sim: Any, also: Sequence[float] = ()) -> RunPlan:
         plan = led_plan(plan, done, sim.time, also)
         if present is not None and present.length(done) <= ROUNDING * dt:
             long = present.dt >= plan.dt / WORTH_A_CHANGE
-            if (done == present.tail_begin) if present.tail else long:
+            if (done == present.tail_begin) if present.tail else long:  # a resumed run's last step
                 return present
     return replace(plan, rule=rule)
 
