@@ -159,6 +159,23 @@ def fitted(places: pd.DataFrame, base: str) -> Law | None:
     return Law(float(np.exp(law[0])), float(law[1]), float(law[2]), float(scatter), len(places))
 
 
+def break_even(steps: pd.DataFrame, base: str) -> float:
+    """Return the ne from which on the ratios of a family in one series are below 1.
+
+    It is interpolated between the measured meshes, on logarithms; infinite if the ratio on the
+    finest mesh is not below 1.
+    """
+    steps = steps[steps[base].notna()].sort_values("ne")
+    ne, ratio = np.log(steps[["ne", base]].to_numpy(float)).T
+    above = np.flatnonzero(ratio >= 0.0)
+    if not len(ratio) or ratio[-1] >= 0.0:
+        return math.inf
+    if not len(above):
+        return float(np.exp(ne[0]))
+    i = above[-1]
+    return float(np.exp(ne[i] + (ne[i + 1] - ne[i]) * ratio[i] / (ratio[i] - ratio[i + 1])))
+
+
 def page(table: pd.DataFrame, recipe: Recipe, findings: str = "") -> str:
     """Return the page of a map in Markdown.
 
@@ -168,7 +185,7 @@ def page(table: pd.DataFrame, recipe: Recipe, findings: str = "") -> str:
     best, *elsewhere = by_machine(table)
     fits: dict[str, dict[tuple[object, ...], Law]] = {"laws": {}, "checks": {}}
     for kind, base in product(fits, BASES):
-        meant = best[best["order"].between(1 if kind == "laws" else 2, 3)]
+        meant = best[best["order"].between(*((1, 3) if kind == "laws" else (2, 4)))]
         meant = meant[meant["family"].isin(OTHERS)]
         for key, of in meant.groupby(["group", "target", "family"], sort=False):
             if (law := fitted(of, base)) is not None:
@@ -182,7 +199,7 @@ def page(table: pd.DataFrame, recipe: Recipe, findings: str = "") -> str:
     return environment.get_template("resolution.md.j2").render(
         recipe=recipe, figures={name: caption for name, caption, _ in _panels(best)}, **fits,
         best=best, bases=BASES, base="explicit", families=OTHERS, elsewhere=elsewhere,
-        findings=findings.rstrip(),
+        findings=findings.rstrip(), break_even=break_even,
     )  # fmt: skip
 
 

@@ -93,18 +93,32 @@ def test_the_rule_is_the_power_law_of_the_ratios() -> None:
     assert slow.even(5.0 / 240.0) == pytest.approx(6.0)
 
 
+@pytest.mark.parametrize(
+    ("ratios", "expected"),
+    [
+        ([4.0, 1.0, 0.5], 16.0), ([2.0, 0.5, 0.25], 8.0 * math.sqrt(2.0)), ([0.9, 0.5, 0.2], 8.0),
+        ([3.0, 2.0, 1.0], math.inf), ([0.5, 2.0, 0.5], 16.0 * math.sqrt(2.0)),
+        ([4.0, math.nan, 0.25], 16.0), ([math.nan] * 3, math.inf),
+    ],
+)  # fmt: skip
+def test_break_even_is_interpolated_between_the_last_meshes_around_one(ratios, expected) -> None:
+    steps = pd.DataFrame({"ne": [8, 16, 32], "explicit": ratios})
+    assert resolution.break_even(steps, "explicit") == pytest.approx(expected)
+
+
 def test_rules_are_fitted_to_three_meshes_and_checked_on_the_finest() -> None:
     coarse = place(20.0, ("rk4", 1.0, 1.0, 1e-5), ("bdf2", 9.0, 99.0, 1e-5), ne=4)
-    sweeps = [*power_law(8, 16, 32), coarse.assign_attrs(created="2026-01-02")]
+    sweeps = [*power_law(8, 16, 32, 64), coarse.assign_attrs(created="2026-01-02")]
     there, third = power_law(8, machine="a far one", cores=7), power_law(16, machine="a third one")
     table = best_steps([*there, *sweeps, *third])
-    text = page(table, Recipe("a map", ({},) * 8), "* Found.\n")
-    row = re.search(r"^\| williamson5, np4, scene.speed=20 \| 32, explicit \|(.*)", text, re.M)
-    assert [each.strip() for each in row[1].split("|")] == ["–", "–", "0.38 (0.38)", ""]
+    text = page(table, Recipe("a map", ({},) * 10), "* Found.\n")
+    row = re.search(r"^\| williamson5, np4, scene.speed=20 \| 64, explicit \|(.*)", text, re.M)
+    assert [each.strip() for each in row[1].split("|")] == ["–", "–", "0.19 (0.19)", ""]
+    assert "| – | not measured | – | 0.094 to 0.19 | 8.0 to 12 |" in text
     assert "ne 12, 0.050, 0.012 |" in text and "ne 6.0, 0.025, 0.0059 |" in text
-    assert "7 of the 8 sweeps of the recipe" in text and "\n* Found.\n" in text
+    assert "9 of the 10 sweeps of the recipe" in text and "\n* Found.\n" in text
     assert "measured on 2026-01-01, 2026-01-02 (here, 1 cores)." in text
-    assert "0 of the 21 steps that these ratios compare were timed once" in text
+    assert "0 of the 27 steps that these ratios compare were timed once" in text
     beside, third = text.partition("on a far one, 7 cores")[2].split("on a third one, 1 cores")
     assert re.search(
         r"^\| williamson5, np4, scene.speed=5 \| 16 \|.* 0.38 \(0.38\) \|$", third, re.M
