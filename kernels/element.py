@@ -50,8 +50,7 @@ def element_sweep(
     ):  # fmt: skip
         s1 = d1(geo.derivative, f1, i, j)
         s2 = d2(geo.derivative, f2, i, j)
-        r = result(geo, winds[i, j], s1, s2, e, i * np_ + j)
-        store(geo, x, r, k, e, i, j, out, done)
+        store(geo, x, result(geo, winds[i, j], s1, s2, e, i * np_ + j), k, e, i, j, out, done)
 
     @func
     def sweep(

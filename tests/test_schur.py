@@ -285,3 +285,14 @@ def test_all_elements_of_a_node_hold_the_same_bits(np_: int, precision: str) -> 
     first, empty = numbers[places[:, :1]], mesh.groups * mesh.points * mesh.lanes
     assert np.ptp(first) > 0.0
     assert np.all((numbers[places] == first) | (places < 0) | (places == empty))
+
+
+def test_diffusion_keeps_the_number_of_chebyshev_steps_of_short_steps() -> None:
+    """More of them would amplify waves that diffusion damps, since D is that of S without it."""
+    counts = []
+    for effects in (["pressure"], ["pressure", "hyperviscosity"]):
+        model = Model(mesh_of(6), make_scene(*effects))
+        made = make_preconditioner("helmholtz", model)
+        made.setup(model.initial_state(), 60.0 * TAU)
+        counts.append(len(made._multilevel._steps))
+    assert counts[0] > counts[1] == 5

@@ -21,7 +21,7 @@ Chebyshev step after the last correction pays off and, without `symmetric`, a se
 COURANT_A_CYCLE, MOST_CYCLES = 20.0, 4
 """Each such increase of the gravity-wave Courant number adds a cycle, up to MOST_CYCLES."""
 COURANT_A_STEP, LEAST_STEPS, MOST_STEPS, VERY_LONG = 2.2, 4, 16, 40.0
-"""Above np 4: a Chebyshev step for each such Courant number, from VERY_LONG on a second cycle."""
+"""Above np 4, undamped: a Chebyshev step for each such Courant number; from VERY_LONG 2 cycles."""
 
 
 def schur_operator(
@@ -52,7 +52,8 @@ class Multilevel:
     def setup(self, tau: float, depth: Array) -> None:
         """Prepare for the implicit step tau [s] and the depth (N,) [m] of the operator."""
         courant = float(np.sqrt(self.operator.diagonal.max()))
-        largest, few = schur_bound(self.operator), DEGREES.get(self.operator.mesh.mesh.np)
+        usual = LEAST_STEPS if self.operator.damping is not None else None
+        largest, few = schur_bound(self.operator), DEGREES.get(self.operator.mesh.mesh.np, usual)
         if few is None:
             last = min(max(round(courant / COURANT_A_STEP), LEAST_STEPS), MOST_STEPS)
             between = last if self._symmetric else last // 2
