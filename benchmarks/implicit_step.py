@@ -54,7 +54,7 @@ class Clocks:
 
 
 def step() -> Section:
-    """Where the time of a step of bdf2 goes."""
+    """Measure where the time of a step of bdf2 goes."""
     mesh = Mesh.build(16, 4)
     with threadpool_limits(1, user_api="blas"):
         runs = [_timed_run(mesh) for _ in range(RUNS)]
@@ -112,7 +112,7 @@ def _timed_run(mesh: Mesh) -> tuple[int, Clocks]:
 
 
 def smoothing() -> Section:
-    """Time and iterations of a step by the number of Chebyshev steps in a cycle."""
+    """Measure time and iterations of a step by the number of Chebyshev steps in a cycle."""
     rows = []
     for ne, np_, stepper, dt, days in CASES:
         mesh = Mesh.build(ne, np_)
