@@ -539,35 +539,32 @@ class Simulation(NotCopyable):
         days = self.scene.days if config.days is None else config.days
         if overwrite and self.steps and days * DAY <= self.time + 1e-6:
             self.reset()
-        before, self.config = self.config, config
         calls = [each for each in observers if isinstance(each, Callback)]
         times = [output.every * HOUR for output in config.outputs if output.every]
-        try:
+        with ExitStack() as refused:  # a refused run leaves the configuration as it was
+            refused.callback(setattr, self, "config", self.config)
+            self.config = config
             self._check_reference()
             self.begin(also=[*times, *(call.seconds for call in calls if call.seconds)])
             for call in calls:
                 call.check(self.plan)
-        except ConfigError:
-            self.config = before
-            raise
-        if self.comm.rank == 0 and (is_watched() if progress is None else progress):
-            observers.append(ProgressBar())
-        self.warn = warn or self._warn
-        self._warn_of_run()
-        steps = self.plan.steps - self.steps
-        LOGGER.debug("%r begins: %d steps of %.6g s", self, steps, self.plan.dt)
-        self.release()  # the state may have been changed since
-        self._kept = Keeper() if keep else None
-        if self._kept is not None:
-            observers.append(self._kept)
-        try:
-            files = self._open_files()
-        except ConfigError:
-            self.config = before
-            raise
-        except (RunFailed, *BREAKDOWNS) as error:
-            self._ended_by(error)
-        else:
+            if self.comm.rank == 0 and (is_watched() if progress is None else progress):
+                observers.append(ProgressBar())
+            self.warn = warn or self._warn
+            self._warn_of_run()
+            steps = self.plan.steps - self.steps
+            LOGGER.debug("%r begins: %d steps of %.6g s", self, steps, self.plan.dt)
+            self.release()  # the state may have been changed since
+            self._kept = Keeper() if keep else None
+            if self._kept is not None:
+                observers.append(self._kept)
+            try:
+                files = self._open_files()
+            except (RunFailed, *BREAKDOWNS) as error:
+                files = None
+                self._ended_by(error)
+            refused.pop_all()
+        if files is not None:
             self.advance([*files, *observers], config.time_limit, since=since)
             LOGGER.debug("%r ends: %s", self, self.outcome.reason or self.outcome.status)
             if self.signal_number is not None and raises:
