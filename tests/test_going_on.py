@@ -495,3 +495,10 @@ def test_a_file_does_not_replace_the_diagnostic_of_another_file(tmp_path):
     assert one.run(days=0.125)["kk"] == 0.0
     files[0].write_text(text.format(3))
     assert small(diagnostics=files[:1]).run(days=0.125)["kk"] == 3.0
+    files[1].write_text(
+        text.format(4)
+        + "\nfrom swe_sphere import get_scene\ndef scene(): return get_scene('williamson2')"
+    )
+    with pytest.raises(ConfigError, match="another file has a diagnostic 'kk'"):
+        small(scene=files[1])
+    assert one.run(days=0.25)["kk"] == 3.0

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import netCDF4
@@ -9,11 +10,14 @@ import numpy as np
 import pytest
 
 from swe_sphere.analysis.accessor import open_run
+from swe_sphere.equations.effects import Drag
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.checkpoint import checkpoint_path
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.mesh import Mesh
+from swe_sphere.planet import EARTH
 from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.testcases import get_scene
 
 CODE = {
     "scene": "from swe_sphere.testcases import get_scene\n\ndef scene():\n"
@@ -111,6 +115,24 @@ def test_a_picture_executes_no_scene(swe, run_with):
     assert not executed()
     assert swe("plot", "run.nc", "--compare=exact", "--trust=mine.py")[0] == 0
     assert executed()
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        get_scene("williamson2", alpha=1.0),
+        get_scene("williamson2").with_effect(Drag(linear=1e-5)),
+        replace(get_scene("williamson2"), planet=replace(EARTH, rotation=0.0)),
+        replace(get_scene("williamson2"), exact=lambda lon, lat, t: (lon, lat, 1e3 + lon)),
+    ],
+    ids=["parameters", "effects", "planet", "function"],
+)
+def test_a_scene_made_in_python_is_compared_with_no_exact_solution(swe, tmp_path, scene):
+    sim = Simulation(scene, ne=2, np=4, dt=1800)
+    sim.run(days=0.0625, out=tmp_path / "run.nc")
+    status, told = swe("plot", "run.nc", "--compare=exact")
+    assert (status, told.count("\n")) == (2, 1)
+    assert "is of a scene made in Python: compare with another file" in told
 
 
 def test_the_command_that_resumes_allows_the_code_of_the_run(swe, run_with):

@@ -190,9 +190,10 @@ def test_a_figure_is_the_same_bytes_each_time(dataset):
     ],
 )
 def test_small_and_odd_datasets_make_a_page(runs, expected, tmp_path):
-    page = write_report(make_sweep(*runs), tmp_path).read_text(encoding="utf-8")
+    page = write_report(make_sweep(*runs), tmp_path, recipe=Recipe("", ())).read_text("utf-8")
     Page(page)
     assert expected in page
+    assert (tmp_path / "README.md").read_text("utf-8").count("\n## williamson5, ne16 np4") == 1
 
 
 @pytest.mark.usefixtures("blank_figures")

@@ -20,7 +20,7 @@ import xarray as xr
 from swe_sphere.analysis.accessor import open_run
 from swe_sphere.equations.effects import Drag, Forcing, Rotation
 from swe_sphere.equations.scene import Scene
-from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.errors import ConfigError, RunFailed, Unstable
 from swe_sphere.io.layout import VARIABLES
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.io.scalar_fields import FIELDS
@@ -715,7 +715,29 @@ def test_an_observer_whose_end_fails_hides_no_earlier_failure():
         def end(self):
             raise RuntimeError("second")
 
-    assert "first" in small().run(days=0.25, callbacks=[Broken()]).reason
+    summary = small().run(days=0.25, callbacks=[Broken()])
+    assert summary.reason.index("first") < summary.reason.index("second")
+    assert (summary.status, summary.exit_status) == ("failed", 1)
+
+
+def test_an_interrupted_run_whose_file_fails_has_failed_and_an_unstable_one_stays_unstable():
+    class Stops(Observer):
+        def observe(self, snapshot):
+            signal.raise_signal(signal.SIGINT)
+
+        def end(self):
+            raise OSError("the disk is full")
+
+    class Breaks(Stops):
+        def observe(self, snapshot):
+            raise Unstable("it is unstable")
+
+    stopped = small().run(days=0.25, callbacks=[Stops()], raises=False)
+    assert (stopped.status, stopped.exit_status) == ("failed", 1), stopped.reason
+    assert "SIGINT" in stopped.reason or "nterrupt" in stopped.reason
+    assert "the disk is full" in stopped.reason
+    broken = small().run(days=0.25, callbacks=[Breaks()])
+    assert (broken.status, broken.exit_status) == ("unstable", 1)
 
 
 def test_scalars_of_arrays_are_numbers(tmp_path):

@@ -14,7 +14,7 @@ import typer
 
 from swe_sphere.cli.options import AsJson, Field, flag, given, option, with_flags
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.user_file import check_trusted, is_user_file
+from swe_sphere.files.user_file import check_trusted
 from swe_sphere.pictures.look import Look
 from swe_sphere.planet import DAY
 from swe_sphere.settings.registry import first_line
@@ -94,6 +94,7 @@ def _against(file: Path, other: str, trust: Iterable[Path]) -> Source | Exact:
     from swe_sphere.io.runfile import RunFile, table_in
     from swe_sphere.simulation.build import make_scene
     from swe_sphere.simulation.config import make_config
+    from swe_sphere.simulation.restart import OF_SCENE, identity
 
     run = RunFile(file)
     settings = table_in(str(run.attributes.get("configuration")))
@@ -103,10 +104,13 @@ def _against(file: Path, other: str, trust: Iterable[Path]) -> Source | Exact:
         raise ConfigError(
             f"{file} began from {origin} and has no exact solution: compare with another file"
         )
-    if run.attributes.get("own_functions") and not is_user_file(settings["scene"]):
-        raise ConfigError(f"{file} is of a scene made in Python: compare with another file")
     check_trusted(settings["scene"], file, trust)
-    return Exact(make_scene(make_config(settings)), run.mesh)
+    config, theirs = make_config(settings), table_in(str(run.attributes.get("identity")))
+    scene = make_scene(config)
+    ours = json.loads(json.dumps(identity(config, scene, run.mesh)))
+    if any(ours[name] != theirs.get(name) for name in OF_SCENE):
+        raise ConfigError(f"{file} is of a scene made in Python: compare with another file")
+    return Exact(scene, run.mesh)
 
 
 def compare(

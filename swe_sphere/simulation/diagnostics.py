@@ -191,7 +191,7 @@ def call_in_run(what: str, function: Callable[..., T], *arguments: Any) -> T:
 NAMES = read_toml(Path(__file__).with_name("names.toml"))
 """Names of values in files and summaries, which no diagnostic may have."""
 TAKEN = frozenset({
-    *NAMES["keys"], *NAMES["others"], *MESH_ATTRIBUTES, *TOPOLOGY,
+    *NAMES["keys"], *NAMES["costs"], *NAMES["others"], *MESH_ATTRIBUTES, *TOPOLOGY,
     *(name for kind, names in VARIABLES.items() if kind != "derived" for name in names),
 })  # fmt: skip
 
@@ -265,7 +265,8 @@ def diagnostic(
 
     A number appears in the series of files, in summaries and in sweeps; a field in every frame, and
     so does a profile, an `xarray.DataArray` with one dimension, which files call NAME_DIMENSION.
-    A function registered under an existing name replaces the earlier one.
+    A function registered under an existing name replaces the earlier one, unless both are in files.
+    Those in the file of a scene are computed in all later runs of the process.
 
     Args:
         function: takes the simulation.
@@ -285,7 +286,8 @@ def diagnostic(
         39
         >>> del DIAGNOSTICS["jet"]
 
-    Raises ConfigError if the name is no identifier or that of another value, or without function.
+    Raises ConfigError if the name is no identifier or that of another value, without function, or
+    if another file has a diagnostic of this name.
     """
     if function is None:
         return partial(diagnostic, name=name, units=units, long_name=long_name)
@@ -296,6 +298,10 @@ def diagnostic(
         raise ConfigError(f"the diagnostic {called!r} needs a name= of letters, digits and _")
     if called in NAMES["options"] or _is_taken(called):
         raise ConfigError(f"the diagnostic {called!r} needs another name: files use this one")
+    before, module = DIAGNOSTICS.get(called), str(getattr(function, "__module__", ""))
+    other = "" if before is None else str(getattr(before.function, "__module__", ""))
+    if other.startswith("user_") and module.startswith("user_") and other != module:
+        raise ConfigError(f"another file has a diagnostic {called!r}: rename one of them")
     words = long_name or first_line(function) or called
     DIAGNOSTICS[called] = Diagnostic(called, function, units, words)
     return function
@@ -310,14 +316,10 @@ def load_diagnostics(path: Path) -> None:
 
     Raises ConfigError if the file has none, or one with the name of one of another file.
     """
-    before, module = dict(DIAGNOSTICS), load_file(path, "diagnostic").__name__
+    before = dict(DIAGNOSTICS)
+    load_file(path, "diagnostic")
     if before == DIAGNOSTICS:
         raise ConfigError(f"{path} defines no diagnostic: put @diagnostic above a function in it")
-    for name, one in before.items():
-        other = getattr(one.function, "__module__", "")
-        if DIAGNOSTICS[name] is not one and other.startswith("user_") and other != module:
-            DIAGNOSTICS[name] = one
-            raise ConfigError(f"{path}: another file has a diagnostic {name!r}: rename this one")
 
 
 def check_options(stepper: str, options: Iterable[str]) -> None:

@@ -104,7 +104,7 @@ class HealthCheck(Observer):
         custom = [effect for effect in scene.effects if is_custom(type(effect))]
         self._claims = [e.name for e in conserving if e in custom and e.tendencies[1] is not None]
         self._tendency = model.right_hand_side(counted=False) if self._claims else None
-        self._rate = model.zeros()
+        self._rate, self._force = model.zeros(), model.zeros()
         self._supply = self._space.norm(start)
         """Norm [m s-1], the root of the energy, to which the growth of later states is relative."""
         self._rms = self._space.norm(self._unit) * self._supply
@@ -137,8 +137,8 @@ class HealthCheck(Observer):
             span = (time - self._time) / parts
             for t in self._time + span * (0.5 + np.arange(parts)):
                 model.forcing.set_time(t)
-                wp.copy(self._rate, model.parameters["forcing"])
-                self._supply += span * self._space.norm(self._rate)
+                wp.copy(self._force, model.parameters["forcing"])
+                self._supply += span * self._space.norm(self._force)
             model.forcing.set_time(time)
             self._time = time
         growth = (norm / self._supply) ** 2

@@ -36,6 +36,9 @@ OF_ONE_RUN = {
 }  # fmt: skip
 """Fields of a configuration that belong to one run, and what in Python accepts them."""
 
+OF_SCENE = ("scene", "scene_parameters", "effects", "planet", "own_functions")
+"""Names of what `identity` states of the scene."""
+
 INHERITED = RunConfig.model_fields.keys() - {
     *OF_ONE_RUN, "scene", "reference", "time_limit", "trust",
 }  # fmt: skip

@@ -72,6 +72,7 @@ from swe_sphere.simulation.planning import RunPlan
 from swe_sphere.simulation.restart import (
     COUNTER,
     LENGTHS,
+    OF_ONE_RUN,
     Restart,
     appends,
     check_paths,
@@ -484,8 +485,9 @@ class Simulation(NotCopyable):
             if ended.completed:
                 self._ended_by(error)
             else:
+                status = "failed" if ended.is_sound else ended.status
                 reason = f"{ended.reason}; {in_one_line(error)}"
-                self.outcome = replace(ended, status="failed", reason=reason)
+                self.outcome = replace(ended, status=status, reason=reason, exit_status=1)
 
     def _ended_by(self, error: Exception) -> None:
         self.outcome = summary_of(error, self.time)
@@ -530,8 +532,7 @@ class Simulation(NotCopyable):
         asked |= {"overwrite": overwrite or None, "restart": continues, "outputs": outputs}
         asked = {name: value for name, value in asked.items() if value is not None}
         kept = self._configured.given()
-        ended = ("out", "overwrite", "plot", "live", "restart")  # options of earlier runs
-        kept = {k: v for k, v in kept.items() if k not in ended}
+        kept = {k: v for k, v in kept.items() if k not in OF_ONE_RUN}
         kept["outputs"] = self.config.outputs
         config = make_config(kept | asked)
         observers = read_callbacks(callbacks)
