@@ -10,7 +10,7 @@ from sections import Section
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
-from swe_sphere.solvers.newton import followed_nonlinearity
+from swe_sphere.solvers.newton import forcing_term
 from swe_sphere.steppers import dirk, get_stepper
 from swe_sphere.testcases import get_scene
 
@@ -68,7 +68,7 @@ def forcing() -> Section:
     for scene, runs in FORCING_RUNS.items():
         model = Model(Mesh.build(6, 4), get_scene(scene))
         for name, dt in runs:
-            kinds = (fixed(0.02), followed_nonlinearity)
+            kinds = (fixed(0.02), forcing_term)
             counts = [_stepped(model, name, dt, kind, 1.0) for kind in kinds]
             rows.append([scene, name, f"{dt:.0f}", *counts])
             print(*rows[-1], sep=" | ", flush=True)  # noqa: T201 - a run takes a while

@@ -21,8 +21,8 @@ from swe_sphere import Simulation
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import Partition
 from swe_sphere.operators.launch import Launcher
-from swe_sphere.operators.sparse import slopes
-from swe_sphere.solvers.preconditioners.coarse import SWEEPS, coarse_spaces
+from swe_sphere.operators.sparse import gradients
+from swe_sphere.solvers.preconditioners.coarse import COARSE_STEPS, coarse_spaces
 
 FIELDS = {"tendency_of_groups": 3, "gradient": 2, "wind_fluxes": 1, "slope_fluxes": 1}
 """Number of fields that kernels over elements send to other ranks at a shared node: rates of wind
@@ -123,7 +123,7 @@ class Traffic:
                 total += calls * FIELDS[name] * int(size) * self.on_the_rim
         if f"{RESTRICT} {SINGLE}" in did:
             integrals, functions = self.coarse
-            of_one = integrals + (SWEEPS - 1 + ("gradient 8" in did)) * functions
+            of_one = integrals + (COARSE_STEPS - 1 + ("gradient 8" in did)) * functions
             total += did[f"{RESTRICT} {SINGLE}"] * SINGLE * of_one
         return total
 
@@ -142,7 +142,7 @@ class Traffic:
             where = element, space.numbers[element, slot]
             shape = self.mesh.elements, space.numbers.max() + 1
             on.append(scipy.sparse.csr_array((np.ones(element.size, int), where), shape))
-        sloping = [_entries(slopes(self.mesh, space)) for space in spaces[1:]]
+        sloping = [_entries(gradients(self.mesh, space)) for space in spaces[1:]]
         see = scipy.sparse.block_diag([each.T @ each for each in (on[0], *sloping)], format="csr")
         return scipy.sparse.hstack(on, format="csr"), see
 

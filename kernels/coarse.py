@@ -75,7 +75,7 @@ runs_sum, numbers_sum = entries_sum("*runs(from)"), entries_sum("*from")
 
 
 @kernel
-def sweep(
+def chebyshev_step(
     at: Numbers, begin: Numbers, values: registers, per_diagonal: registers, keep: real, take: real,
     beta: real, flat_d: vector, d: registers, r: registers, before: registers, after: registers,
     x: registers,

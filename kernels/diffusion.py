@@ -69,12 +69,12 @@ def diffusion(terms: Terms, height: bool, wind: bool) -> Formula:
                 r[k] = r[k] + out[e, n, first + k]
         return r
 
-    slopes = _diffused(terms, height, wind, kind)
-    return Formula(none, no_wind, kind, slopes, result, fields, not wind, fluxes=fluxes)
+    operands = _diffused(terms, height, wind, kind)
+    return Formula(none, no_wind, kind, operands, result, fields, not wind, fluxes=fluxes)
 
 
 def _diffused(terms: Terms, height: bool, wind: bool, kind: Any) -> Any:
-    """Return `Formula.slopes` of the surface height and the wind, with their coefficients."""
+    """Return `Formula.operands` of the surface height and the wind, with their coefficients."""
     surface, last = surface_height(terms), terms.unknowns - 1
     at_div, at_curl = int(height), height + 1
 
@@ -88,7 +88,7 @@ def _diffused(terms: Terms, height: bool, wind: bool, kind: Any) -> Any:
         return r
 
     @func
-    def slopes(geo: geometry, w: none, a: vector, x: vector, at: int, e: int, n: int):
+    def operands(geo: geometry, w: none, a: vector, x: vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
         r1 = kind()
         r2 = kind()
@@ -108,7 +108,7 @@ def _diffused(terms: Terms, height: bool, wind: bool, kind: Any) -> Any:
             r2[at_curl] = u1
         return r1, r2
 
-    return slopes
+    return operands
 
 
 winds, wind = winds_at(own=True, base=False)

@@ -27,7 +27,7 @@ def transport(tangent: bool = False) -> Formula:
     (winds, wind), first = winds_at(own=tangent, base=True), 2 * tangent
 
     @func
-    def slopes(geo: geometry, w: winds, a: vector, x: vector, at: int, e: int, n: int):
+    def operands(geo: geometry, w: winds, a: vector, x: vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
         m = load_nodes(x, at, node)
         fu = mul(m, w[first])
@@ -43,7 +43,7 @@ def transport(tangent: bool = False) -> Formula:
     def result(geo: geometry, w: winds, d1: single, d2: single, e: int, n: int):
         return row(-geo.weight[n // np_, n % np_] * divergence(d1[0], d2[0]))
 
-    return Formula(winds, wind, single, slopes, result, 1)
+    return Formula(winds, wind, single, operands, result, 1)
 
 
 @func
@@ -73,7 +73,7 @@ def state(terms: Terms) -> Formula:
     surface, last = surface_height(terms), 2 - terms.momentum
 
     @func
-    def slopes(geo: geometry, w: winds, a: vector, x: vector, at: int, e: int, n: int):
+    def operands(geo: geometry, w: winds, a: vector, x: vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
         h = load_nodes(x, 2 * geo.size, node)
         head = value(real(0.0))
@@ -91,7 +91,7 @@ def state(terms: Terms) -> Formula:
         else:
             return rates(geo, d1, d2, e, n, value(real(0.0)), value(real(0.0)))
 
-    return Formula(winds, wind, kind, slopes, result, 3 - terms.momentum, turns=True)
+    return Formula(winds, wind, kind, operands, result, 3 - terms.momentum, turns=True)
 
 
 def tangent(terms: Terms) -> Formula:
@@ -101,7 +101,7 @@ def tangent(terms: Terms) -> Formula:
     last = 2 - terms.momentum
 
     @func
-    def slopes(geo: geometry, w: winds, a: vector, x: vector, at: int, e: int, n: int):
+    def operands(geo: geometry, w: winds, a: vector, x: vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
         h = load_nodes(x, 2 * geo.size, node)
         hb = load_nodes(a, 2 * geo.size, node)
@@ -130,7 +130,7 @@ def tangent(terms: Terms) -> Formula:
         else:
             return rates(geo, d1, d2, e, n, value(real(0.0)), value(real(0.0)))
 
-    return Formula(winds, wind, kind, slopes, result, 3 - terms.momentum, turns=True)
+    return Formula(winds, wind, kind, operands, result, 3 - terms.momentum, turns=True)
 
 
 def skew(terms: Terms) -> Formula:
@@ -143,7 +143,7 @@ def skew(terms: Terms) -> Formula:
     kind, parts, rates = _equations(terms, curls=1)
 
     @func
-    def slopes(geo: geometry, w: winds, a: vector, x: vector, at: int, e: int, n: int):
+    def operands(geo: geometry, w: winds, a: vector, x: vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
         head = load_nodes(x, 2 * geo.size, node)
         h = load_nodes(a, 2 * geo.size, node)
@@ -154,7 +154,7 @@ def skew(terms: Terms) -> Formula:
         zeta = curl(d1[2], d2[2])
         return rates(geo, d1, d2, e, n, mul(zeta, w[3]), mul(zeta, w[2]))
 
-    return Formula(winds, wind, kind, slopes, result, 3, turns=True)
+    return Formula(winds, wind, kind, operands, result, 3, turns=True)
 
 
 def _equations(terms: Terms, curls: int) -> tuple[Any, Any, Any]:

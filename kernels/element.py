@@ -32,7 +32,7 @@ def element_sweep(
     """
     (d1, d2), store = line_sums(t.np, f.rows), _store(f, finish)
     scalar, turns, to_edges = f.is_scalar, f.turns, f.to_edges
-    kind, kept, wind, slopes, result = f.rows, f.winds, f.wind, f.slopes, f.result
+    kind, kept, wind, operands, result = f.rows, f.winds, f.wind, f.operands, f.result
     at_1, at_2, at_winds = scratch(t, kind, kind, kept)
 
     @func
@@ -70,7 +70,7 @@ def element_sweep(
                     w = wind(geo, a, x, e, at_node)
                 if wp.static(turns):
                     winds[i, j] = w
-                r1, r2 = slopes(geo, w, a, x, at, e, at_node)
+                r1, r2 = operands(geo, w, a, x, at, e, at_node)
                 f1[i, j] = r1
                 if wp.static(not scalar):
                     f2[i, j] = r2
@@ -139,7 +139,7 @@ def element_diffusion(t: KernelTypes, finish_of: Any = None) -> Any:
 def _laplacian(t: KernelTypes, f: Formula, first: int, finish: Finish) -> Any:
     """Return the function (geometry, x, e, out, done) for the fields from `first` on."""
     kind, store, scalar, order = f.rows, _store(f, finish), f.is_scalar, t.np
-    wind, slopes, fluxes, result = f.wind, f.slopes, f.fluxes, f.result
+    wind, operands, fluxes, result = f.wind, f.operands, f.fluxes, f.result
     (d1, d2), (t1, t2) = line_sums(order, kind), line_sums(order, kind, transposed=True)
     at_1, at_2, at_3, at_4 = scratch(t, kind, kind, kind, kind)
 
@@ -154,7 +154,7 @@ def _laplacian(t: KernelTypes, f: Formula, first: int, finish: Finish) -> Any:
         for i in range(np_):
             for j in range(np_):
                 n = i * np_ + j
-                r1, r2 = slopes(geo, wind(geo, x, x, e, n), x, x, 0, e, n)
+                r1, r2 = operands(geo, wind(geo, x, x, e, n), x, x, 0, e, n)
                 f1[i, j] = r1
                 if wp.static(not scalar):
                     f2[i, j] = r2

@@ -28,7 +28,7 @@ class Formula:
     """Function (geometry, a, x, e, n) that returns the `winds`."""
     rows: Any
     """Type of the rows that are differentiated."""
-    slopes: Any
+    operands: Any
     """Function (geometry, winds, a, x, at, e, n) that returns the two `rows` to differentiate along
     the first and along the second coordinate."""
     result: Any

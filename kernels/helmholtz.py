@@ -183,7 +183,7 @@ def substitute_kernel(given: Any) -> Any:
 
 
 @kernel
-def spread(begin: int, node: nodes, x: state, out: local):
+def to_field(begin: int, node: nodes, x: state, out: local):
     """Copy a nodal vector (N,) to a field."""
     e, part = wp.tid()
     e += begin
@@ -192,7 +192,7 @@ def spread(begin: int, node: nodes, x: state, out: local):
 
 
 @kernel
-def collect(begin: int, place: Numbers, flat: vector, out: state):
+def to_nodes(begin: int, place: Numbers, flat: vector, out: state):
     """Copy a field to a nodal vector (N,)."""
     node = begin + wp.tid()
     out[node] = given(flat[place[node]])

@@ -38,7 +38,7 @@ def tendency_kernels(t: KernelTypes, finish_of: Any = finish_rates) -> list[Any]
     @func
     def source(geo: geometry, x: vector):
         """Return the prescribed wind, the base of linear terms, or otherwise x."""
-        if wp.static(terms.wind and terms.dynamics):
+        if wp.static(terms.passive and terms.dynamics):
             return geo.wind
         elif wp.static(terms.linear):
             return geo.base
@@ -112,7 +112,7 @@ def _formula(terms: Terms) -> Formula | None:
     """Return the formula of all terms except diffusion."""
     if not terms.dynamics:
         return None
-    if terms.wind:
+    if terms.passive:
         return transport()
     if terms.skew:
         return skew(terms)

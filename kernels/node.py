@@ -40,11 +40,11 @@ def node_sweep(t: KernelTypes, f: Formula) -> Any:
 
 def _derivatives(order: int, f: Formula) -> Any:
     """Return the function (geometry, a, x, at, e, n) for the derivatives along each coordinate."""
-    slopes, wind = f.slopes, f.wind
+    operands, wind = f.operands, f.wind
 
     @func
     def at_node(geo: geometry, a: vector, x: vector, at: int, e: int, n: int):
-        return slopes(geo, wind(geo, a, x, e, n), a, x, at, e, n)
+        return operands(geo, wind(geo, a, x, e, n), a, x, at, e, n)
 
     return _line_sums(order, f.rows, "points", at_node, transposed=False)
 

@@ -22,10 +22,10 @@ class Terms:
     * `advection`: kinetic energy and relative vorticity in the vector-invariant momentum equation.
     * `pressure`: the surface height in that equation. Either term adds the continuity equation.
     * `bottom`: the surface height is depth plus bottom height.
-    * `wind`: the wind is prescribed; depth, which it carries, is the only unknown.
+    * `passive`: a scalar is the only unknown; the prescribed wind carries it.
     * `diffusion`: weak Laplacian of the state, times the coefficient `nu`.
     * `biharmonic`: weak Laplacian of a given Laplacian (`laplacian` array), times minus `nu4`.
-    * `still`: with a prescribed wind, diffusion alone.
+    * `no_transport`: with `passive`, only diffusion or what the kernel adds acts.
     * `skew`: the skew form. The vorticity of the state turns the wind of `base`, which carries
       the depth of `base`; the state stores the Bernoulli function in place of depth.
     * `tangent`: the exact derivative of all of these at the state `base`, applied to a direction.
@@ -37,11 +37,11 @@ class Terms:
     advection: bool = False
     pressure: bool = False
     bottom: bool = False
-    wind: bool = False
+    passive: bool = False
     diffusion: bool = False
     biharmonic: bool = False
     tangent: bool = False
-    still: bool = False
+    no_transport: bool = False
     skew: bool = False
     momentum: bool = False
     jumps: bool = False
@@ -50,12 +50,12 @@ class Terms:
     @property
     def unknowns(self) -> int:
         """Number of fields: depth alone under a prescribed wind, else two winds and depth."""
-        return 1 if self.wind else 3
+        return 1 if self.passive else 3
 
     @property
     def dynamics(self) -> bool:
         """True if there is a term other than diffusion."""
-        return self.gradient or (self.wind and not self.still)
+        return self.gradient or (self.passive and not self.no_transport)
 
     @property
     def diffuses(self) -> bool:
@@ -117,7 +117,7 @@ class KernelTypes:
             "size": wp.int32,
             "gravity": terms.pressure and not terms.skew and real,
             "bottom": terms.bottom and not (terms.tangent or terms.skew) and on_nodes,
-            "wind": terms.wind and not terms.still and on_nodes,
+            "wind": terms.passive and not terms.no_transport and on_nodes,
             "base": terms.linear and on_nodes,
             "inverse_jacobian": (terms.diffuses or terms.jumps) and wp.array2d(dtype=value),
             "strength": terms.jumps and wp.array2d(dtype=value),

@@ -10,7 +10,7 @@ from support import thorough
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.io.integrals import integrals
+from swe_sphere.io.integrals import flow_integrals
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.simulation import run_scene
@@ -225,7 +225,7 @@ def test_mass_is_kept_to_round_off(moving) -> None:
     stepper.step()
     model = moving.model
     before, after = (
-        integrals(model.mesh, model.scene.planet, **model.fields(state))["mass"]
+        flow_integrals(model.mesh, model.scene.planet, **model.fields(state))["mass"]
         for state in (moving.state, stepper.state)
     )
     assert stepper.counters["rejected_steps"] > 0

@@ -41,7 +41,7 @@ def test_sweep(mesh: DeviceMesh) -> None:
     new, x = vector(mesh, ROWS), vector(mesh, ROWS)
     scale, residual, direction, start = vectors
     made = SlicedMatrix(mesh, matrix)
-    made.sweep((0.3, 0.7, 1.2), scale.values, residual, (direction, new), start, x)
+    made.chebyshev_step((0.3, 0.7, 1.2), scale.values, residual, (direction, new), start, x)
     left = r - matrix @ d
     step = 0.3 * d + 0.7 * per_diagonal * left
     for found, expected in ((residual, left), (new, step), (x, before + 1.2 * step)):

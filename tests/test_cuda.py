@@ -54,7 +54,7 @@ with_ptxas = pytest.mark.skipif(
 TABLE = Path(__file__).parents[1] / "benchmarks" / "results" / "gpu.json"
 FULL = Terms(advection=True, pressure=True, bottom=True, diffusion=True, biharmonic=True)
 TANGENT = Terms(advection=True, pressure=True, tangent=True)
-TRANSPORT = Terms(wind=True, diffusion=True)
+TRANSPORT = Terms(passive=True, diffusion=True)
 
 
 def terms(tangent: bool = False) -> tuple[PointTerm, ...]:

@@ -14,7 +14,7 @@ from swe_sphere.equations.effects import DYNAMICS, MASSES, PointwiseEffect, Rela
 from swe_sphere.errors import ConfigError, Unstable
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.simulation.diagnostics import Snapshot
-from swe_sphere.simulation.observers import LOST, RUNAWAY, Callback, HealthCheck
+from swe_sphere.simulation.observers import LOST_MASS, RUNAWAY, Callback, HealthCheck
 from swe_sphere.steppers import get_stepper, list_steppers
 from swe_sphere.steppers.stepper import Stepper
 
@@ -138,7 +138,7 @@ def test_mass_is_checked_from_both_sides_of_its_bound():
     sim.begin()
     check, start = HealthCheck(sim), sim.stepper.state.numpy().copy()
     for factor, is_sound in ((0.99, True), (1.01, False), (-0.99, True), (-1.01, False)):
-        set_state(sim, lambda _, factor=factor: start * (1.0 + factor * LOST))
+        set_state(sim, lambda _, factor=factor: start * (1.0 + factor * LOST_MASS))
         if is_sound:
             check.observe(sim.snapshot)
         else:

@@ -15,7 +15,7 @@ from swe_sphere.equations.effects import EFFECTS as ALL_EFFECTS
 from swe_sphere.equations.effects import Viscosity
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError, RunFailed, SolverFailed
-from swe_sphere.io.integrals import integrals
+from swe_sphere.io.integrals import flow_integrals
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.steppers import STEPPERS
@@ -49,7 +49,7 @@ def advance(name: str, model: Model, dt: float, steps: int, state=None, **option
 
 def invariants(model: Model, state) -> dict[str, float]:
     u, v, h = (model.fields(state)[name] for name in "uvh")
-    return integrals(model.mesh, model.scene.planet, u, v, h, model.bottom)
+    return flow_integrals(model.mesh, model.scene.planet, u, v, h, model.bottom)
 
 
 @pytest.fixture(scope="module")

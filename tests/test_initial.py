@@ -9,6 +9,7 @@ from swe_sphere.analysis.accessor import open_run
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
+from swe_sphere.simulation.config import Output
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.testcases import get_scene
 
@@ -252,3 +253,18 @@ def test_the_interpolated_mass_is_that_of_the_frame_to_the_order_of_the_elements
     ours = np.average(other.start["h"], weights=other.mesh.area)
     theirs = np.average(sim.state.h, weights=Mesh.build(3, 5).area)
     assert ours == pytest.approx(theirs, rel=1e-4)
+
+
+def test_a_dataset_that_is_changed_later_changes_no_simulation(made):
+    ds, sims = open_run(made[0]).isel(time=-1).load(), []
+    for _ in range(2):
+        ds.h.values[:] += 1.0
+        sims.append(Simulation("williamson6", ne=3, np=5, dt=900.0, initial=ds))
+    assert np.allclose(sims[1].start["h"] - sims[0].start["h"], 1.0, rtol=0.0, atol=1e-8)
+
+
+def test_a_file_on_a_grid_is_refused_as_such(made, tmp_path):
+    grid = [Output(path=tmp_path / "grid.nc", grid="latlon:4x8")]
+    Simulation("williamson6", ne=3, np=5, dt=900.0).run(days=0.0625, outputs=grid)
+    with pytest.raises(ConfigError, match="is already on a grid: give the file of a run"):
+        Simulation("williamson6", ne=3, np=5, initial=tmp_path / "grid.nc")

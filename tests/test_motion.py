@@ -72,7 +72,7 @@ def test_second_frequency_is_of_the_change_of_the_bend() -> None:
 def test_motion_goes_on_from_what_it_remembers() -> None:
     whole, part = observed([0.0, 0.3, 0.4, 1.0]), observed([0.0, 0.3, 0.4])
     resumed = Motion(VectorSpace(np.ones(3)))
-    resumed.load_state_dict(part.state_dict())
+    resumed.load_numbers(part.numbers())
     for name, array in resumed.arrays().items():
         wp.copy(array, part.arrays()[name])
     space = VectorSpace(np.ones(3))

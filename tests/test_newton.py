@@ -17,7 +17,7 @@ from swe_sphere.solvers.newton import (
     NewtonResult,
     Search,
     backtrack,
-    followed_nonlinearity,
+    forcing_term,
 )
 from swe_sphere.solvers.vector_space import DeviceSpace, VectorSpace
 
@@ -107,6 +107,7 @@ def solve(
     problem: Equation,
     guess: np.ndarray,
     scale: float | None = None,
+    rtol: float = 1e-6,
     real: type = wp.float64,
     weights: np.ndarray | None = None,
     size: int = 40,
@@ -119,7 +120,8 @@ def solve(
     space = (DeviceSpace if kernels else VectorSpace)(weights, real=real)
     x = wp.array(guess, dtype=real, device="cpu")
     problem.gmres = Noting(space, size)
-    result = NewtonKrylov(space, problem.gmres, **options).solve(problem, x, scale)
+    newton = NewtonKrylov(space, problem.gmres, **options)
+    result = newton.solve(problem, x, rtol, scale)
     return result, x.numpy().astype(np.float64)
 
 
@@ -200,7 +202,7 @@ def test_forcing_terms_spare_krylov_iterations() -> None:
 
 
 def test_forcing_terms() -> None:
-    choice = followed_nonlinearity
+    choice = forcing_term
     assert choice(1.0, 0.0, None) == 0.02
     assert choice(1.0, 0.08, None) == pytest.approx(0.04)
     # the last step: both parts of what is left, at right angles, make 0.9 of the target or less
@@ -232,8 +234,8 @@ def test_a_nearly_linear_problem_is_solved_at_once_after_the_first_time() -> Non
     problem = Equation(lambda z: a @ z + 1e-6 * z**2 - b, lambda z: a + np.diag(2e-6 * z))
     space = VectorSpace(np.ones(40))
     gmres = Noting(space, 40)
-    newton = NewtonKrylov(space, gmres, rtol=1e-4)
-    first, second = (newton.solve(problem, space.zeros()) for _ in range(2))
+    newton = NewtonKrylov(space, gmres)
+    first, second = (newton.solve(problem, space.zeros(), 1e-4) for _ in range(2))
     assert first.converged
     assert second.converged
     assert first.newton_iterations > second.newton_iterations == 1

@@ -10,7 +10,7 @@ from swe_sphere.io.integrals import (
     courant_numbers,
     drifts,
     field_errors,
-    integrals,
+    flow_integrals,
     norms,
     tracer_numbers,
 )
@@ -82,7 +82,7 @@ def test_integrals_of_solid_body_rotation(mesh):
     u0, depth, a = 40.0, 3000.0, mesh.radius
     g, omega = EARTH.gravity, EARTH.rotation
     sine, one = np.sin(mesh.lat), np.ones(mesh.size)
-    found = integrals(
+    found = flow_integrals(
         mesh, EARTH, u0 * np.cos(mesh.lat), 0.0 * one, depth * one, 200.0 * one,
         2.0 * omega * sine, 2.0 * u0 / a * sine, 0.0 * one,
     )  # fmt: skip
@@ -100,14 +100,14 @@ def test_integrals_of_solid_body_rotation(mesh):
 def test_integrals_where_the_depth_vanishes(mesh):
     """The bell of williamson1 stands on nothing: no potential enstrophy, the rest finite."""
     zero = np.zeros(mesh.size)
-    found = integrals(mesh, EARTH, zero, zero, np.maximum(np.sin(mesh.lat), 0.0))
+    found = flow_integrals(mesh, EARTH, zero, zero, np.maximum(np.sin(mesh.lat), 0.0))
     assert np.isnan(found.pop("potential_enstrophy"))
     assert np.isfinite(list(found.values())).all()
 
 
 def test_energy_uses_the_gravity_of_the_planet(mesh):
     zero, depth = np.zeros(mesh.size), np.full(mesh.size, 10.0)
-    found = integrals(mesh, Planet(gravity=2.0), zero, zero, depth)
+    found = flow_integrals(mesh, Planet(gravity=2.0), zero, zero, depth)
     assert found["energy"] == pytest.approx(100.0)
 
 

@@ -44,8 +44,10 @@ def test_steps_are_equal_and_frames_and_end_fall_on_them(days, every, dt):
     plan = time_plan(days, every, dt)
     assert 0.499 * dt <= plan.dt <= dt * (1 + 1e-9)
     assert plan.time(plan.steps) == pytest.approx(days * DAY, abs=1e-6)
-    assert plan.tail_begin * plan.dt + plan.tail * plan.last == pytest.approx(days * DAY, abs=1e-6)
-    assert plan.tail <= 1 and plan.last < plan.dt
+    assert plan.tail_begin * plan.dt + plan.tail_steps * plan.tail_dt == pytest.approx(
+        days * DAY, abs=1e-6
+    )
+    assert plan.tail_steps <= 1 and plan.tail_dt < plan.dt
     assert plan.is_frame(0) and plan.is_frame(plan.steps)
     if every is not None and every * HOUR < days * DAY:
         assert plan.frame_steps * plan.dt == pytest.approx(every * HOUR, rel=1e-12)
@@ -129,7 +131,7 @@ def test_continued_plan_keeps_the_step():
     with pytest.raises(ConfigError, match="already"):
         continued_plan(before, 2.0, None, done=288)
     plan = continued_plan(before, 24.01 / 24, None, done=1)
-    assert (plan.dt, plan.steps, plan.tail, round(plan.last, 6)) == (600.0, 145, 1, 36.0)
+    assert (plan.dt, plan.steps, plan.tail_steps, round(plan.tail_dt, 6)) == (600.0, 145, 1, 36.0)
     with pytest.raises(ConfigError, match="whole number of steps of 600 s: choose 1 or 1"):
         continued_plan(before, 2.0, 1.1, done=1)
 

@@ -55,7 +55,7 @@ def test_a_plan_from_any_time_has_the_frames_calls_and_end_of_one_from_the_start
     times = now + np.concatenate([[0.0], np.cumsum(lengths)])
     assert [plan.time(step) for step in range(7, plan.steps + 1)] == pytest.approx(times, abs=1e-5)
     assert times[-1] == pytest.approx(days * DAY, abs=1e-5)
-    assert all((n - 7) % plan.cycle == 0 for n in (plan.first, plan.tail_begin, plan.steps))
+    assert all((n - 7) % plan.cycle == 0 for n in (plan.lead_steps, plan.tail_begin, plan.steps))
     if hours is not None:
         assert_multiples(plan, plan.is_frame, hours if hours != 0.333333 else 1 / 3, now)
     if calls is not None:
@@ -99,7 +99,7 @@ def test_automatic_steps_fit_every_later_end(stepper):
     sim = small(stepper=stepper)
     sim.step()
     assert sim.run(days=0.25, every=1).completed
-    assert sim.time == 0.25 * DAY and all(map(sim.plan.is_frame, (sim.plan.first, sim.steps)))
+    assert sim.time == 0.25 * DAY and all(map(sim.plan.is_frame, (sim.plan.lead_steps, sim.steps)))
 
 
 def test_a_short_first_run_does_not_shorten_the_steps_of_the_next():
@@ -173,7 +173,7 @@ def test_a_run_whose_last_step_is_shorter_resumes_exactly(tmp_path, stepper, set
         whole.run(days=end)
         part.run(days=end)
     whole.run(days=ends[-1], every=1)
-    assert whole.plan.tail == 1 and whole.steps > at
+    assert whole.plan.tail_steps == 1 and whole.steps > at
     part.run(days=ends[-1], every=1, callbacks=[lambda sim: sim.steps < at or stop(sim)])
     assert part.steps == at
     part.checkpoint(tmp_path / "a.npz")

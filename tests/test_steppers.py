@@ -11,7 +11,7 @@ from support import EXPLICIT, harmonic, make_scene, random_state, relative
 from swe_sphere.equations.effects import Viscosity
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.integrals import integrals
+from swe_sphere.io.integrals import flow_integrals
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS, get_stepper
 from swe_sphere.testcases import get_scene
@@ -115,7 +115,7 @@ def test_energy_drift_of_rk4_falls_with_the_fifth_power() -> None:
 def energy(model: Model, state) -> float:
     fields = model.fields(state)
     u, v, h = (fields[name] for name in "uvh")
-    return integrals(model.mesh, model.scene.planet, u, v, h, model.bottom)["energy"]
+    return flow_integrals(model.mesh, model.scene.planet, u, v, h, model.bottom)["energy"]
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])

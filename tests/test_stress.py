@@ -121,7 +121,7 @@ def test_growth_of_errors(power: float, growth: float) -> None:
             "max_wind": 1.0, "min_depth": 1.0, "max_wave": 1.0, "l2_h": error, "l2_v": error,
         }  # fmt: skip
 
-    series = Series(RunPlan(dt=21600.0, steps=120, frame_steps=120, wanted=21600.0))
+    series = Series(RunPlan(dt=21600.0, steps=120, frame_steps=120, wanted_dt=21600.0))
     for day in days:
         series.observe(SimpleNamespace(time=day, diagnostics=sampled(day), snapshot=None))
     assert series.numbers()["growth_v"] == pytest.approx(growth, rel=0.01)

@@ -447,9 +447,9 @@ def with_noise(share, **mesh):
     study = Study(make_plan({"scene": "williamson2", "steppers": "rk4", "ne": 2, "np": 4} | mesh))
     (integrator,) = study.integrators()
     spec = integrator.spec(share * integrator.stable_dt, "stability")
-    spec = replace(spec, steps=replace(spec.steps, steps=32))
+    spec = replace(spec, plan=replace(spec.plan, steps=32))
     sim = integrator.space.simulation(spec.config)
-    sim.begin(spec.steps)
+    sim.begin(spec.plan)
     assert sim.advance().completed
     return runner.perturbed(spec, sim, None, None)
 

@@ -172,14 +172,14 @@ def test_steps_meet_all_report_times():
     study = Study(make_plan(plan | {"report_days": "1,2.5"}))
     assert study.report_days == (1.0, 2.5, 5.0)
     assert study.interval == 0.5 * DAY
-    steps = study.steps(1000.0)
+    steps = study.plan_steps(1000.0)
     assert 0.5 * DAY / steps.dt == pytest.approx(round(0.5 * DAY / steps.dt))
     run = study.integrators()[0].spec(1000.0)
     counts = np.array(run.report_days) * DAY / run.dt
     assert run.report_days == (1.0, 2.5, 5.0) and np.allclose(counts, np.round(counts))
     assert round(counts[-1]) == steps.steps
     with pytest.raises(ConfigError, match="no step near"):
-        study.steps(2.0 * DAY)
+        study.plan_steps(2.0 * DAY)
 
 
 def test_the_stated_error_of_converged_runs_is_the_largest_of_all_meshes():

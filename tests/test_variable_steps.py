@@ -61,8 +61,8 @@ def test_guesses_are_solutions_where_the_state_moves_straight_on(name: str, monk
     stepper = take_steps(name, model, curved=False)
     solve = stepper.solver.newton.solve
 
-    def watched(problem, x, scale, floor):
-        result = solve(problem, x, scale, floor)
+    def watched(problem, x, rtol, scale, floor):
+        result = solve(problem, x, rtol, scale, floor)
         wrong.append(result.history[0] / scale)
         return result
 

@@ -21,7 +21,7 @@ from scipy.sparse.linalg import splu
 from swe_sphere.analysis.regrid import Grid, gaussian, holding, lat_lon, on_grid, on_nodes
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.integrals import integrals, norms
+from swe_sphere.io.integrals import flow_integrals, norms
 from swe_sphere.io.layout import MESH_ATTRIBUTES, TOPOLOGY, VARIABLES, decode, in_python, plain
 from swe_sphere.io.runfile import TIME_TOLERANCE, Nodal, RunFile, engine, mesh_of
 from swe_sphere.io.scalar_fields import check_field, derive, evaluate
@@ -192,7 +192,7 @@ class Analysis:
         holding(self._data, *names)
         frames, about = self.frames, VARIABLES["series"]
         fields = (frames.fields(k, names) for k in range(frames.times.size))
-        rows = [integrals(self.mesh, planet, **each) for each in fields]
+        rows = [flow_integrals(self.mesh, planet, **each) for each in fields]
         values = {name: ("time", [row[name] for row in rows], about[name]) for name in rows[0]}
         return self._series(values, frames.times)
 

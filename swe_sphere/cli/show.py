@@ -47,6 +47,9 @@ def explain(error: Exception) -> tuple[str, int]:
         line += " (see swe-sphere --help)" if line else ""
     elif isinstance(error, MemoryError):
         line = f"not enough memory: take a smaller mesh {hint}"
+    elif isinstance(error, UnicodeEncodeError):
+        name, status = ascii(error.object), 2
+        line = f"{name} is not in the encoding {error.encoding}: choose another, or LC_ALL=C.UTF-8"
     else:
         line = f"unexpected {type(error).__name__}: {error} {hint}"
     return in_one_line(line), status

@@ -49,9 +49,11 @@ class DiscreteScene(NotCopyable):
         """Names of the blocks (N,) of wind and depth in a state; blocks of tracers follow them."""
         self.fluid_size = len(self.fluid) * self.device_mesh.size
         self.bottom, self.coriolis = (
-            np.zeros(mesh.size) if field is None else field(mesh.lon, mesh.lat)
+            np.zeros(mesh.size) if field is None else np.array(field(mesh.lon, mesh.lat))
             for field in (scene.bottom, scene.coriolis)
         )
+        for values in (self.bottom, self.coriolis):
+            values.setflags(write=False)
         self.parameters = parameters = _parameters(scene, self.device_mesh, self.bottom)
         """Coefficients and fields of the effects, on the device."""
         self.wind, self.forcing = (

@@ -167,7 +167,7 @@ class PrescribedWind(Effect):
     """The wind is given by `Scene.wind`; only the depth h is stepped."""
 
     name = "prescribed-wind"
-    everywhere = frozenset({"wind"})
+    everywhere = frozenset({"passive"})
     needs = "wind"
     excludes: ClassVar[Mapping[str, str]] = {
         "momentum-advection": "a prescribed wind cannot also be stepped",

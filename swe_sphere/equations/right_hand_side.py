@@ -49,14 +49,14 @@ class Component(NamedTuple):
     """Terms of kernels that the component has besides those of its effects."""
 
 
-STILL = frozenset({"still"})
+NO_TRANSPORT = frozenset({"no_transport"})
 """Flag of components in which a prescribed wind does not carry the depth."""
 COMPONENTS: Mapping[str, Component] = {
     "all": Component(lambda effect: True, "rhs_evaluations"),
     "conservative": Component(lambda effect: not effect.dissipation, "rhs_evaluations"),
-    "dissipative": Component(lambda effect: effect.dissipation, flags=STILL),
-    "diffusive": Component(lambda effect: effect.diffuses, flags=STILL),
-    "penalising": Component(lambda effect: effect.name == "edge-penalty", flags=STILL),
+    "dissipative": Component(lambda effect: effect.dissipation, flags=NO_TRANSPORT),
+    "diffusive": Component(lambda effect: effect.diffuses, flags=NO_TRANSPORT),
+    "penalising": Component(lambda effect: effect.name == "edge-penalty", flags=NO_TRANSPORT),
     "tangent": Component(
         lambda effect: not effect.constant, "tangent_evaluations", frozenset({"tangent"})
     ),
@@ -145,7 +145,7 @@ def term_operations(
     if terms.biharmonic:
         laplacian = parameters["laplacian"] = model.scratch("laplacian")
         over_bottom = terms.bottom and not terms.tangent
-        once = Terms(wind=terms.wind, bottom=over_bottom, diffusion=True, still=True)
+        once = Terms(passive=terms.passive, bottom=over_bottom, diffusion=True, no_transport=True)
         first = TendencyOperator(mesh, once, model.parameters | {"nu": 1.0})
         operations.append(Operation(first, source, laplacian))
     operator: Operator
@@ -172,7 +172,7 @@ def pointwise_terms(scene: Scene, component: str, parameters: Mapping[str, Any])
     tangent = "tangent" in flags
     effects = [e for e in acting(scene, component) if isinstance(e, PointwiseEffect)]
     return Pointwise(
-        rotation="rotation" in flags and "wind" not in flags,
+        rotation="rotation" in flags and "passive" not in flags,
         forcing="forcing" in flags,
         terms=tuple(_point_term(e, parameters["effects"][e.name], tangent) for e in effects),
         tangent=tangent,

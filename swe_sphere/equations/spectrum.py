@@ -32,7 +32,7 @@ class Spectrum:
     dissipation: float = 0.0
     wind: float = 0.0
     inertial: float = 0.0
-    """Part of `wave` due to the wind, and the largest Coriolis parameter, both [s-1]."""
+    """Part of `wave` due to slow terms (the wind), and the largest Coriolis parameter [s-1]."""
 
 
 def spectral_radius(model: DiscreteScene, state: wp.array, operator: Operator) -> float:
@@ -129,7 +129,7 @@ def _scaled_product(model: DiscreteScene, state: wp.array, operator: Operator) -
 
     def product(d: NDArray[np.floating]) -> Array:
         step = size / max(float(d.max()), -float(d.min()), np.finfo(float).tiny)
-        np.multiply(mesh.restrict(d), step, out=room, dtype=np.float64)
+        np.multiply(mesh.on_rank(d), step, out=room, dtype=np.float64)
         room[heights] *= factor
         moved.assign(np.add(room, base, out=room))
         operator(moved, rates)

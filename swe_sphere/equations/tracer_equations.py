@@ -106,8 +106,8 @@ class _Diffusion:
         height = model.bottom - model.bottom.min()  # so that the datum of b makes no difference
         self._bottom = mesh.scatter(height) if has_bottom else None
         self._raised, self._rate = (model.zeros(count * mesh.size) for _ in range(2))
-        diffusion, biharmonic = terms.diffusion, terms.biharmonic
-        self._of_field = Terms(wind=True, still=True, diffusion=diffusion, biharmonic=biharmonic)
+        diffuses = {"diffusion": terms.diffusion, "biharmonic": terms.biharmonic}
+        self._of_field = Terms(passive=True, no_transport=True, **diffuses)
 
     def operations(self, base: wp.array | None) -> list[Operation]:
         """Return the operations that add the diffusion at a state, or its derivative at `base`."""

@@ -77,7 +77,7 @@ def by_name(errors: Norms) -> dict[str, float]:
     return {f"{norm}_{name}": x for name, of in errors.items() for norm, x in of.items()}
 
 
-def integrals(
+def flow_integrals(
     mesh: Mesh, planet: Planet, u: Array, v: Array, h: Array, b: Array | float = 0.0,
     f: Array | float = 0.0, vorticity: Array | float = 0.0, divergence: Array | float = 0.0,
 ) -> dict[str, float]:  # fmt: skip
@@ -116,11 +116,11 @@ def angular_momentum(
 ) -> dict[str, float]:
     """Return the absolute angular momentum I(h r × (V + Ω × r)) over the density [m3 s-1].
 
-    u, v, h, f: as in `integrals`. The components are along the axes of the rotating frame: x to 0°E
-    and y to 90°E on the equator, z to the North Pole. Ω is the rotation whose Coriolis parameter is
-    nearest to f in least squares. The component along Ω, or along z without rotation, is the axial
-    one, and the length of the remainder the equatorial one: the continuous equations conserve the
-    former over a bottom that is symmetric about the axis, and both over a level bottom.
+    u, v, h, f: as in `flow_integrals`. The components are along the axes of the rotating frame: x
+    to 0°E, y to 90°E on the equator, z to the North Pole. Ω is the rotation whose Coriolis
+    parameter is nearest to f in least squares. The component along Ω, or along z without rotation,
+    is the axial one, and the length of the remainder the equatorial one: the continuous equations
+    conserve the former over a bottom that is symmetric about the axis, both over a level bottom.
     """
     a = mesh.radius
     east, north, axes = (np.ascontiguousarray(x.T) for x in (mesh.east, mesh.north, mesh.xyz))
@@ -153,7 +153,7 @@ def drifts(start: Mapping[str, float], now: Mapping[str, float]) -> dict[str, fl
 def courant_numbers(mesh: Mesh, dt: float, now: Mapping[str, float]) -> dict[str, float]:
     """Return the Courant numbers of a step dt [s] on the smallest mean node spacing of the mesh.
 
-    now: integrals; courant_gravity is the number of wind and gravity waves together.
+    now: integrals; courant_gravity is that of the fastest signal, the wind plus a gravity wave.
     """
     rate = abs(dt) / mesh.spacing()[0]
     return {

@@ -78,7 +78,7 @@ def frame_dataset(
     mesh: Mesh, fields: Mapping[str, Array], time: float, attributes: Mapping[str, Any],
     known: Mapping[str, Mapping[str, str]],
 ) -> xr.Dataset:  # fmt: skip
-    """Return fields at `time` [s] on (time, node).
+    """Return copies of fields at `time` [s] on (time, node).
 
     fields (N,): by name, with b and f.  known: the wanted fields, with their attributes.
     """
@@ -90,7 +90,7 @@ def frame_dataset(
         if hasattr(value, "dims"):
             data[name] = value.assign_attrs(about).expand_dims("time")
         else:
-            data[name] = (("time", "node"), value[None], {**about, **MEASURES})
+            data[name] = (("time", "node"), value[None].copy(), {**about, **MEASURES})
     data |= _on_nodes(mesh, fields["b"], fields["f"])
     data["time"] = ("time", [time], {**TIME, "axis": "T"})
     about = plain({"Conventions": "CF-1.11", **attributes, **mesh_attributes(mesh)})

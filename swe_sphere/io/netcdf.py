@@ -36,18 +36,16 @@ KEPT = ("run_id", "start_step", "history")
 class FrameWriter(AbstractContextManager["FrameWriter"]):
     """Writes frames and series of diagnostics to one file, and checkpoints to one beside it.
 
-    path: the file, which replaces an existing one with its first frame, and is complete at any time
-    from then on; a Zarr store if the name ends in .zarr. attributes: the resolved configuration,
-    written as global attributes (nested tables as JSON); the parameters of the mesh and a run_id
-    are added. bottom (N,) [m]: height of the orography. tracers: their names. samples: the largest
-    number of times with diagnostics. append_from: a time [s] from which the run in the existing
-    file is resumed, under its run_id; its frames and samples before that time are copied first, and
-    it stays in place until the new file has as many frames. own: attributes (long_name, units) of
-    user-defined diagnostics. own_fields: present values, (N,) or profiles as data arrays, of those
-    in every frame; the others are series.
-    coriolis (N,) [s-1]: the Coriolis parameter. only: names of the fields in frames; all if empty.
-    transform: the file contains what this function returns for the dataset of each frame on the
-    nodes, the wind always as both components, and no series.
+    path: replaces an existing file with its first frame, and is complete at any time from then on;
+    a Zarr store if the name ends in .zarr. attributes: the resolved configuration (nested tables
+    become JSON); the parameters of the mesh and a run_id are added. bottom [m], coriolis [s-1]:
+    (N,) or a number. tracers: their names. samples: largest number of times with diagnostics.
+    append_from: time [s] from which the run in the file is resumed, under its run_id: its frames
+    and samples before that time are copied first, and it stays in place until the new file has as
+    many frames. own: attributes (long_name, units) of user-defined diagnostics. own_fields: present
+    values, (N,) or profiles as data arrays, of those in every frame; the others are series. only:
+    names of the fields in frames; all if empty. transform: the file contains what it returns for
+    the dataset of each frame, the wind always as both components, and no series.
 
     Raises ConfigError for an unknown field, if the file cannot be created, if another run writes
     it, if there is no space for a first frame, or if the run in it cannot be resumed. Every method

@@ -398,9 +398,9 @@ class DeviceMesh(NotCopyable):
 
     def scatter(self, values: Array) -> wp.array:
         """Return fields (k N,) of the whole mesh on the nodes (k n,) of this rank."""
-        return self.upload(self.restrict(values))
+        return self.upload(self.on_rank(values))
 
-    def restrict(self, values: NDArray[Any]) -> NDArray[Any]:
+    def on_rank(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return fields (..., k N) of the whole mesh at the nodes of this rank: (..., k n)."""
         if self.part.is_mesh:
             return values

@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.kernels import Register
-from swe_sphere.kernels.coarse import sweep, tall_parts, tall_product, tall_total
+from swe_sphere.kernels.coarse import chebyshev_step, tall_parts, tall_product, tall_total
 from swe_sphere.operators.device_mesh import DeviceMesh, Field
 
 
@@ -49,12 +49,12 @@ class SlicedMatrix:
 
     def __init__(self, mesh: DeviceMesh, matrix: scipy.sparse.csr_array) -> None:
         register = Register(mesh.real, mesh.lanes, whole=False)
-        self._launch, (self._kernel,) = mesh.launch, mesh.launch.compile(register, sweep)
+        self._launch, (self._kernel,) = mesh.launch, mesh.launch.compile(register, chebyshev_step)
         self._groups = -(-matrix.shape[0] // mesh.lanes)
         starts, diagonals, values = _grouped(mesh, matrix, shifted=True)
         self._entries = starts, wp.array(diagonals, dtype=wp.int32, device=mesh.device), values
 
-    def sweep(
+    def chebyshev_step(
         self, coefficients: tuple[float, float, float], per_diagonal: wp.array, r: Field,
         directions: tuple[Field, Field], before: Field, x: Field,
     ) -> None:  # fmt: skip

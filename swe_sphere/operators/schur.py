@@ -148,7 +148,7 @@ class SchurOperator:
         for name, size in (("flux_matrix", (*shape, 4)), ("per_diagonal", shape)):
             arrays[name] = wp.zeros(size, dtype=self._value, device=mesh.device)
         self._geometry = mesh.geometry(types.geometry, arrays)
-        passages = helmholtz.spread, helmholtz.collect
+        passages = helmholtz.to_field, helmholtz.to_nodes
         self._passages = functools.cache(
             lambda given: mesh.launch.compile(mesh.types(given=given, whole=False), *passages)
         )
@@ -174,23 +174,23 @@ class SchurOperator:
     def field(self) -> Field:
         return self.mesh.unshared(1, self._value)
 
-    def spread(self, x: wp.array, out: Field) -> None:
+    def to_field(self, x: wp.array, out: Field) -> None:
         """Copy a nodal vector (N,) of any number type to a field."""
         kernel, _ = self._passages(x.dtype)
         self.mesh.launch(kernel, self.dim, 0, self.mesh.nodes, x, out.values, cuts=self.mesh.cuts)
 
-    def collect(self, x: Field, out: wp.array) -> None:
+    def to_nodes(self, x: Field, out: wp.array) -> None:
         """Copy a field, with the same bits in all elements of a node, to a nodal vector (N,)."""
         _, kernel = self._passages(out.dtype)
         self.mesh.launch_over_fields(kernel, self.size, self.mesh.place, x.flat, out)
 
     def put(self, values: Array, x: Field) -> None:
         """Copy values (N,) from the host to a field."""
-        self.spread(self.mesh.scatter(values), x)
+        self.to_field(self.mesh.scatter(values), x)
 
     def fetch(self, x: Field) -> Array:
         """Return a field as float64 values (N,) on the host."""
-        self.collect(x, self._nodal)
+        self.to_nodes(x, self._nodal)
         return self.mesh.collect(self._nodal).astype(np.float64)
 
     def configure(self, tau: float, depth: Array) -> None:
@@ -273,8 +273,8 @@ class SchurOperator:
         if self.damping is not None:
             self.damping.damp_twice(x, self._f1)
             x = self._f1
-        slopes = self._east.values, self._north.values
-        self.mesh.sweep(self._slopes, self._gradient, self.dim, self._geometry, x.values, *slopes)
+        both = self._east.values, self._north.values
+        self.mesh.sweep(self._slopes, self._gradient, self.dim, self._geometry, x.values, *both)
 
     def _diverge(self, of_fluxes: Any, *arguments: Any) -> None:
         results = self._f1.values, self._f2.values, self._local.values
@@ -313,13 +313,13 @@ class SchurMatrix:
         return (scipy.sparse.eye_array(self.mesh.size) - tau**2 * self.gravity * product).tocsr()
 
     def galerkin(
-        self, mass: scipy.sparse.csr_matrix, slopes: scipy.sparse.csr_matrix, tau: float,
+        self, mass: scipy.sparse.csr_matrix, gradients: scipy.sparse.csr_matrix, tau: float,
         depth: Array,
     ) -> scipy.sparse.csr_matrix:  # fmt: skip
         """Return B^T M S B for a basis B, with the symmetric part of S and the nodal areas M.
 
-        Arguments: mass = B^T M B (V, V) [m2], slopes = G B (2N, V) [m-1], tau [s], depth (N,) [m].
+        Arguments: mass = B^T M B (V, V) [m2], gradients = G B (2N, V) [m-1], tau [s], depth (N,).
         """
-        weight = (self.mesh.area * self.weight(tau, depth)).astype(slopes.dtype)
-        stiffness = slopes.T @ (scipy.sparse.diags_array(np.tile(weight, 2)) @ slopes)
+        weight = (self.mesh.area * self.weight(tau, depth)).astype(gradients.dtype)
+        stiffness = gradients.T @ (scipy.sparse.diags_array(np.tile(weight, 2)) @ gradients)
         return (mass + tau**2 * self.gravity * stiffness).tocsr()

@@ -52,7 +52,7 @@ def gradient(mesh: Mesh) -> scipy.sparse.csr_matrix:
     return scipy.sparse.vstack([east, north], format="csr")
 
 
-def slopes(mesh: Mesh, space: ElementSpace, real: DTypeLike = float) -> scipy.sparse.csr_matrix:
+def gradients(mesh: Mesh, space: ElementSpace, real: DTypeLike = float) -> scipy.sparse.csr_matrix:
     """Return (2N, V) [m-1], of the number type `real`: gradients of the functions."""
     rows, (along_1, along_2) = mesh.nodes.reshape(mesh.elements, -1), _lines(mesh) @ space.values
     east, north = np.empty((2, *rows.shape, space.values.shape[1]), real)

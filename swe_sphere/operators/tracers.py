@@ -109,7 +109,7 @@ class Limiter:
         self._local = mesh.scratch(self._count, types.value)
         self._places = mesh.places(self._count)
         self._add = mesh.over_nodes(assemble_blocks)
-        self._area = wp.array(mesh.restrict(mesh.mesh.area), dtype=wp.float64, device=mesh.device)
+        self._area = wp.array(mesh.on_rank(mesh.mesh.area), dtype=wp.float64, device=mesh.device)
         chunks, count = mesh.chunks, self._count
         self._partial = wp.zeros((chunks.count, count), dtype=wp.vec3d, device=mesh.device)
         self._everything = self._partial

@@ -54,7 +54,7 @@ def read_arguments(
     scene: Any, mesh: Any, effects: Any, parameters: Any, options: Any, settings: object = (),
     **values: Any,
 ) -> tuple[RunConfig, dict[str, Any]]:  # fmt: skip
-    """Return the configuration in the arguments of `Simulation`, and classes and objects by name.
+    """Return what the arguments of `Simulation` configure, and the classes and objects among them.
 
     Raises ConfigError if an object is not of the requested kind, an argument belongs elsewhere,
     or two arguments contradict each other.
@@ -255,7 +255,7 @@ def check_memory(config: RunConfig, scene: Scene, ne: int, np: int) -> None:
         )
 
 
-EXPECTED = b"Could not find or load the NVIDIA CUDA driver"
+DRIVER_MESSAGE = b"Could not find or load the NVIDIA CUDA driver"
 """Messages that Warp's native library writes to stderr on every machine without a GPU."""
 
 
@@ -280,7 +280,7 @@ def start_warp() -> None:
             os.close(stderr)
             caught.seek(0)
             with suppress(OSError):  # stderr may be closed
-                os.write(2, b"".join(line for line in caught if EXPECTED not in line))
+                os.write(2, b"".join(line for line in caught if DRIVER_MESSAGE not in line))
 
 
 class Initial:
@@ -315,7 +315,7 @@ class Initial:
             raise _unfit("initial", "a file, a dataset or a function", given, also)
         self._run, self._time, digest = run, run.nearest(time), hashlib.sha256()
         self.time_offset = self._time + float(run.attributes.get("time_offset", 0.0))
-        self._fields = run.frame(self._time)
+        self._fields = {name: numpy.array(x) for name, x in run.frame(self._time).items()}
         for field, values in sorted(self._fields.items()):
             digest.update(field.encode() + numpy.ascontiguousarray(values).tobytes())
         self.origin, self.identity = f"{name} at day {self._time / DAY:g}", digest.hexdigest()[:16]
@@ -334,6 +334,7 @@ class Initial:
         known = {name: f"q_{name}" for name in tracers if f"q_{name}" in fields}
         for name in ("h", *(() if scene.wind else ("u", "v")), *known.values()):
             if name not in fields:
+                _ = self._run.mesh  # refuses a file on a grid, of which no fields are read
                 raise ConfigError(f"initial: {self.origin} lacks the field {name}: take another")
             if not numpy.isfinite(fields[name]).all():
                 raise ConfigError(

@@ -16,19 +16,8 @@ import numpy as np
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.files.user_file import call_custom, load_file
-from swe_sphere.io.integrals import (
-    Fields,
-    Norms,
-    area_mean,
-    by_name,
-    courant_numbers,
-    drifts,
-    field_errors,
-    integrals,
-    norms,
-    tracer_errors,
-    tracer_numbers,
-)
+from swe_sphere.io import integrals
+from swe_sphere.io.integrals import Fields, Norms, by_name
 from swe_sphere.io.layout import MESH_ATTRIBUTES, TOPOLOGY, VARIABLES
 from swe_sphere.io.scalar_fields import at_depth
 from swe_sphere.planet import DAY
@@ -68,7 +57,7 @@ class Snapshot:
         if self._is_live and self.sim.steps not in (0, self.steps):  # 0 after a reset
             when = f"is of step {self.steps}, the simulation is at step {self.sim.steps}"
             raise RunFailed(f"the snapshot {when}: read its fields before the next step")
-        return self.model.fields(self.state, self.time)
+        return _read_only(self.model.fields(self.state, self.time))
 
     @cached_property
     def all_fields(self) -> Fields:
@@ -76,10 +65,10 @@ class Snapshot:
         from swe_sphere.operators.diagnose import divergence, vorticity  # imports Warp
 
         mesh, u, v = self.model.mesh, self.fields["u"], self.fields["v"]
-        return self.fields | {
+        return self.fields | _read_only({
             "vorticity": vorticity(mesh, u, v), "divergence": divergence(mesh, u, v),
             "b": self.model.bottom, "f": self.model.coriolis, "area": mesh.area,
-        }  # fmt: skip
+        })  # fmt: skip
 
     @cached_property
     def _numbers(self) -> Numbers:
@@ -87,14 +76,14 @@ class Snapshot:
         model, fields, (start, masses) = self.model, self.all_fields, self.sim.initial_numbers
         scene, mesh, dt = model.scene, model.mesh, self.sim.present_dt
         now = state_integrals(model, fields)
-        found = now | drifts(start, now) | tracer_numbers(mesh, fields, masses)
+        found = now | integrals.drifts(start, now) | integrals.tracer_numbers(mesh, fields, masses)
         if dt is not None:
-            found |= courant_numbers(mesh, dt, now)
+            found |= integrals.courant_numbers(mesh, dt, now)
         if scene.exact is not None:
             found |= by_name(flow_errors(model, fields, exact_fields(model, self.time)))
         if scene.exact_tracers is not None:
             exact = scene.exact_tracers(mesh.lon, mesh.lat, self.time)
-            found |= tracer_errors(mesh, fields, exact)
+            found |= integrals.tracer_errors(mesh, fields, exact)
         left_out = () if scene.wind is None else NAMES["of_free_winds"]
         return {name: value for name, value in found.items() if name not in left_out}
 
@@ -135,10 +124,17 @@ class Snapshot:
         return {k: {"long_name": one.long_name, "units": one.units} for k, one in own.items()}
 
 
+def _read_only(fields: Fields) -> Fields:
+    """Return views of the fields that no diagnostic can change."""
+    return {name: np.broadcast_to(values, values.shape) for name, values in fields.items()}
+
+
 def state_integrals(model: Model, fields: Fields) -> Numbers:
     """Return global integrals and extremes of u, v, h, vorticity and divergence, each (N,)."""
     values = {name: fields[name] for name in ("u", "v", "h", "vorticity", "divergence")}
-    return integrals(model.mesh, model.scene.planet, b=model.bottom, f=model.coriolis, **values)
+    return integrals.flow_integrals(
+        model.mesh, model.scene.planet, b=model.bottom, f=model.coriolis, **values
+    )
 
 
 def exact_fields(model: Model, time: float) -> Fields:
@@ -155,7 +151,7 @@ def flow_errors(model: Model, ours: Fields, theirs: Fields) -> Norms:
     """
     bottom = model.bottom if model.scene.error_field == "surface" else 0.0
     right = theirs if model.scene.wind is None else {"h": theirs["h"]}
-    return field_errors(model.mesh.area, ours, right, bottom)
+    return integrals.field_errors(model.mesh.area, ours, right, bottom)
 
 
 def slow_errors(model: Model, ours: Fields, theirs: Fields) -> Norms:
@@ -166,9 +162,9 @@ def slow_errors(model: Model, ours: Fields, theirs: Fields) -> Norms:
     if model.scene.wind is not None:
         return {}
     area, f = model.mesh.area, model.coriolis
-    mean = area_mean(area, theirs["h"])
+    mean = integrals.area_mean(area, theirs["h"])
     slow = (at_depth(state | {"f": f}, mean) for state in (ours, theirs))
-    return {"vorticity": norms(area, *slow)}
+    return {"vorticity": integrals.norms(area, *slow)}
 
 
 def reference_errors(reference: Reference, snapshot: Snapshot) -> Numbers:
@@ -269,7 +265,6 @@ def diagnostic(
     Those in the file of a scene are computed in all later runs of the process.
 
     Args:
-        function: takes the simulation.
         name: by default that of the function.
         units: as CF spells them.
         long_name: by default the first line of the function's docstring.

@@ -115,7 +115,7 @@ class Loop:
     def _next_stop(self) -> int:
         """Return the next step after which an observer is due or the step changes its length."""
         plan, everyone, steps = self.plan, (self.health, *self.observers), self.sim.steps
-        end = min(each for each in (plan.first, plan.tail_begin, plan.steps) if each > steps)
+        end = min(each for each in (plan.lead_steps, plan.tail_begin, plan.steps) if each > steps)
         following = range(steps + plan.cycle, end, plan.cycle)
         due = (step for step in following if any(notify(each, "due", step) for each in everyone))
         return next(due, end)

@@ -75,9 +75,9 @@ CHECK_STEPS, MOST_PARTS = 16, 1000
 """Steps between health checks, and largest number of times at which a check sees a forcing."""
 RUNAWAY = 10.0
 """Growth of the energy that effects do not explain, and that every unstable run exceeds."""
-LOST = 1e-3
+LOST_MASS = 1e-3
 """Relative change of the total mass that no method causes where all effects conserve it."""
-CREATED = {"float64": 1e-9, "float32": 1e-3}
+MASS_ROUNDING = {"float64": 1e-9, "float32": 1e-3}
 """Relative change of the total mass in a day that may be rounding, by precision."""
 
 
@@ -96,21 +96,22 @@ class HealthCheck(Observer):
         self._space = VectorSpace(weights, model.device, mesh.real, mesh=mesh)
         first = model.names.index("h") * mesh.size
         self._depth = first, first + mesh.size
-        start, self._unit = model.initial_state(), model.zeros()
-        self._unit[first : first + mesh.size].fill_(1.0)
-        self._mass = self._space.dot(start, self._unit)
+        start, self._unit_depth = model.initial_state(), model.zeros()
+        self._unit_depth[first : first + mesh.size].fill_(1.0)
+        self._mass = self._space.dot(start, self._unit_depth)
         conserving = [e for e in scene.effects if "mass" in e.conserves]
         self._conserves = len(conserving) == len(scene.effects) and scene.forcing is None
         custom = [effect for effect in scene.effects if is_custom(type(effect))]
         self._claims = [e.name for e in conserving if e in custom and e.tendencies[1] is not None]
         self._tendency = model.right_hand_side(counted=False) if self._claims else None
         self._rate, self._force = model.zeros(), model.zeros()
-        self._supply = self._space.norm(start)
+        self._expected_norm = self._space.norm(start)
         """Norm [m s-1], the root of the energy, to which the growth of later states is relative."""
-        self._rms = self._space.norm(self._unit) * self._supply
+        self._mass_scale = self._space.norm(self._unit_depth) * self._expected_norm
         if scene.equilibrium is not None:
             level = scene.equilibrium(model.mesh.lon, model.mesh.lat)
-            self._supply += self._space.norm(model.state_from(0.0 * level, 0.0 * level, level))
+            rest = model.state_from(0.0 * level, 0.0 * level, level)
+            self._expected_norm += self._space.norm(rest)
         self._growth = sim.config.energy_growth or (math.inf if custom else RUNAWAY)
         self._time = 0.0
 
@@ -138,19 +139,19 @@ class HealthCheck(Observer):
             for t in self._time + span * (0.5 + np.arange(parts)):
                 model.forcing.set_time(t)
                 wp.copy(self._force, model.parameters["forcing"])
-                self._supply += span * self._space.norm(self._force)
+                self._expected_norm += span * self._space.norm(self._force)
             model.forcing.set_time(time)
             self._time = time
-        growth = (norm / self._supply) ** 2
+        growth = (norm / self._expected_norm) ** 2
         if growth > self._growth:
             raise self._unstable(f"the energy has grown {growth:.3g} times", snapshot)
-        lost = abs(self._space.dot(state, self._unit) - self._mass) / self._rms
-        if self._conserves and lost > LOST:
+        lost = abs(self._space.dot(state, self._unit_depth) - self._mass) / self._mass_scale
+        if self._conserves and lost > LOST_MASS:
             raise self._unstable(f"the total mass has changed by {100.0 * lost:.3g} %", snapshot)
         if self._tendency is not None:
             self._tendency(state, time, self._rate)
-            change = DAY * abs(self._space.dot(self._rate, self._unit)) / self._rms
-            if change > CREATED[model.precision]:
+            change = DAY * abs(self._space.dot(self._rate, self._unit_depth)) / self._mass_scale
+            if change > MASS_ROUNDING[model.precision]:
                 raise RunFailed(
                     f"the effect {' or '.join(self._claims)} changes the total mass by"
                     f" {100.0 * change:.3g} % a day at day {time / DAY:.4g}, but its `conserves`"

@@ -36,7 +36,7 @@ WORTH_A_CHANGE = 1.25
 """A step that fits is replaced by an automatic one that is longer by more than this factor."""
 WIND_SAMPLES = 40
 """Number of times of a run among which the one of the strongest prescribed wind is found."""
-MEANT = 5e-5
+HOUR_ROUNDING = 5e-5
 """Largest difference [h] between a time between frames and the fraction that it stands for."""
 
 
@@ -76,8 +76,8 @@ def limiting_times(model: Model, days: float) -> list[float]:
 class RunPlan:
     """Equal steps up to the end of a run; a few of another length may come first and last.
 
-    number of steps   0 ... first .......... tail_begin ..... steps
-    length of each      lead   |       dt         |    last
+    number of steps   0 .. lead_steps ...... tail_begin ..... steps
+    length of each     lead_dt |       dt         |   tail_dt
     time [s]                 origin                          the end
     """
 
@@ -87,40 +87,41 @@ class RunPlan:
     """Steps from the start of the run to its end."""
     frame_steps: int
     """Steps between frames."""
-    wanted: float
+    wanted_dt: float
     """Requested or chosen length of a step, before it was fitted to the frames [s]."""
     rule: str = "as given"
     """How the step was chosen, in words."""
     cycle: int = 1
     """Steps that are taken together with one step of the tracers; divides all other counts."""
-    first: int = 0
+    lead_steps: int = 0
     """Number of steps before the first step of `dt`."""
     origin: float = 0.0
     """Time of the first step of `dt` [s]."""
-    lead: float = 0.0
-    """Length of the steps before `first` [s]."""
-    tail: int = 0
+    lead_dt: float = 0.0
+    """Length of these steps [s]."""
+    tail_steps: int = 0
     """Number of steps of another length at the end."""
-    last: float = 0.0
+    tail_dt: float = 0.0
     """Length of the steps at the end [s]."""
 
     @property
     def tail_begin(self) -> int:
         """Number of steps before the steps at the end that have another length."""
-        return self.steps - self.tail
+        return self.steps - self.tail_steps
 
     def time(self, step: int) -> float:
         """Return the time [s] after that many steps, to the microsecond."""
-        if step < self.first:
-            return round(self.origin - (self.first - step) * self.lead, 6)
+        if step < self.lead_steps:
+            return round(self.origin - (self.lead_steps - step) * self.lead_dt, 6)
         ahead = max(0, min(step, self.steps) - self.tail_begin)
-        return round(self.origin + (step - ahead - self.first) * self.dt + ahead * self.last, 6)
+        equal = step - ahead - self.lead_steps
+        return round(self.origin + equal * self.dt + ahead * self.tail_dt, 6)
 
     def length(self, step: int) -> float:
         """Return the length [s] of the step that follows that many steps."""
-        if step < self.first:
-            return self.lead
-        return self.last if self.tail_begin <= step < self.steps else self.dt
+        if step < self.lead_steps:
+            return self.lead_dt
+        return self.tail_dt if self.tail_begin <= step < self.steps else self.dt
 
     def is_frame(self, step: int) -> bool:
         """Return whether a frame is due after that many steps."""
@@ -128,17 +129,17 @@ class RunPlan:
 
     def is_multiple(self, step: int, seconds: float) -> bool:
         """Return whether the time after that many steps is a multiple of `seconds`."""
-        if not self.first <= step <= self.tail_begin:
+        if not self.lead_steps <= step <= self.tail_begin:
             return False
         # cycles from the origin to the next multiple: whole numbers if the steps meet multiples
         ahead = -self.origin % seconds / (self.cycle * self.dt)
         if abs(ahead - round(ahead)) > 1e-6 or seconds < 0.5 * self.dt:
             return False
-        return (step - self.first - self.cycle * round(ahead)) % round(seconds / self.dt) == 0
+        return (step - self.lead_steps - self.cycle * round(ahead)) % round(seconds / self.dt) == 0
 
     def is_sample(self, step: int, times: int) -> bool:
         """Return whether one of about `times` samples of a run is due after that many steps."""
-        return (step - self.first) % self.interval(times) == 0
+        return (step - self.lead_steps) % self.interval(times) == 0
 
     def interval(self, times: int) -> int:
         """Return the number of steps between samples, of which a run has about `times`."""
@@ -162,9 +163,9 @@ def time_plan(
 
     days: length of the run [days]; 0 for a plan without a step.  every: time between frames [h];
     None: about a day.  dt: time step [s], which may be shortened a little.  also: further times [s]
-    whose multiples fall on steps.  cycle: steps that are taken together; fewer: True if cycle is
-    a maximum.  automatic: True if dt may be shortened as much as all these times require.  The last
-    steps are shorter if the end is no multiple of the others.  Raises ConfigError if no step fits.
+    whose multiples fall on steps.  cycle: steps that are taken together; fewer: True if cycle may
+    be smaller.  automatic: True if dt may be shortened as much as all these times require.  The
+    last steps are shorter if the end is no multiple of the others.  ConfigError if no step fits.
     """
     if days == 0.0:
         return RunPlan(dt, 0, 1, dt)
@@ -199,7 +200,7 @@ def time_plan(
     tail = together if left else 0
     return RunPlan(
         float(step), whole + tail, together * round(interval / (together * step)), dt,
-        cycle=together, tail=tail, last=round(float(left / together), 6),
+        cycle=together, tail_steps=tail, tail_dt=round(float(left / together), 6),
     )  # fmt: skip
 
 
@@ -233,9 +234,11 @@ def continued_plan(
     whole = math.floor((end - origin) / long + 1e-6)
     left = end - origin - whole * long
     tail = cycle if left > 1e-6 * plan.dt else 0
-    steps = plan.first + cycle * whole + tail
+    steps = plan.lead_steps + cycle * whole + tail
     last = round(left / cycle, 6) if tail else 0.0
-    return replace(plan, steps=steps, frame_steps=frame_steps, tail=tail, last=last, wanted=plan.dt)
+    return replace(
+        plan, steps=steps, frame_steps=frame_steps, tail_steps=tail, tail_dt=last, wanted_dt=plan.dt
+    )
 
 
 def led_plan(plan: RunPlan, done: int, now: float, also: Sequence[float] = ()) -> RunPlan:
@@ -247,15 +250,16 @@ def led_plan(plan: RunPlan, done: int, now: float, also: Sequence[float] = ()) -
     end, long = plan.time(plan.steps), plan.cycle * plan.dt
     interval = plan.frame_steps * plan.dt
     first, origin, lead = done, now, 0.0
-    if abs(round(now / long) * long - now) > 1e-6 * plan.dt or now > end - plan.tail * plan.last:
+    tail_time = end - plan.tail_steps * plan.tail_dt
+    if abs(round(now / long) * long - now) > 1e-6 * plan.dt or now > tail_time:
         origin = min(end, *(math.ceil(now / each + 1e-9) * each for each in (interval, *also)))
         ahead = Fraction(origin - now)
-        first += plan.cycle * _parts(ahead, Fraction(plan.cycle * plan.wanted))
+        first += plan.cycle * _parts(ahead, Fraction(plan.cycle * plan.wanted_dt))
         lead = float(ahead / (first - done))
-    plan = replace(plan, first=first, origin=origin, lead=lead)
+    plan = replace(plan, lead_steps=first, origin=origin, lead_dt=lead)
     if origin == end:
         frame_steps = max(1, round(interval / lead))
-        return replace(plan, dt=lead, steps=first, frame_steps=frame_steps, tail=0)
+        return replace(plan, dt=lead, steps=first, frame_steps=frame_steps, tail_steps=0)
     return replace(plan, steps=first + plan.steps - round(origin / plan.dt))
 
 
@@ -271,7 +275,7 @@ def _interval(length: Fraction, every: float | Fraction | None, dt: float) -> Fr
 def meant_hours(hours: float) -> Fraction:
     """Return the fraction of an hour for which a rounded number stands: 1/3 for 0.333333."""
     near = Fraction(hours).limit_denominator(60)
-    return near if near > 0 and abs(near - Fraction(hours)) < MEANT else Fraction(hours)
+    return near if near > 0 and abs(near - Fraction(hours)) < HOUR_ROUNDING else Fraction(hours)
 
 
 def _as_fraction(seconds: float | Fraction) -> Fraction:
@@ -361,7 +365,8 @@ def plan_run(sim: Any, also: Sequence[float] = ()) -> RunPlan:
         plan = led_plan(plan, done, sim.time, also)
         if present is not None and present.length(done) <= ROUNDING * dt:
             long = present.dt >= plan.dt / WORTH_A_CHANGE
-            if (done == present.tail_begin) if present.tail else long:  # a resumed run's last step
+            # the tail of a plan in progress is the last step of a resumed run
+            if (done == present.tail_begin) if present.tail_steps else long:
                 return present
     return replace(plan, rule=rule)
 

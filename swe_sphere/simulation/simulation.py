@@ -42,7 +42,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.ranks.communicator import world
 from swe_sphere.ranks.limits import command_began
-from swe_sphere.simulation import build, planning
+from swe_sphere.simulation import build, planning, restart
 from swe_sphere.simulation.config import Keywords, Output, RunConfig, make_config
 from swe_sphere.simulation.diagnostics import (
     DIAGNOSTICS,
@@ -69,16 +69,7 @@ from swe_sphere.simulation.observers import (
     read_callbacks,
 )
 from swe_sphere.simulation.planning import RunPlan
-from swe_sphere.simulation.restart import (
-    COUNTER,
-    LENGTHS,
-    OF_ONE_RUN,
-    Restart,
-    appends,
-    check_paths,
-    identity,
-    read_restart,
-)
+from swe_sphere.simulation.restart import OF_ONE_RUN, Restart
 from swe_sphere.simulation.summary import BREAKDOWNS, Summary, html_table, summary_of
 
 if TYPE_CHECKING:
@@ -166,7 +157,7 @@ class Simulation(NotCopyable):
             raise ConfigError(f"config holds all settings already: leave out {', '.join(more)}")
         elif isinstance(scene, str | Path) and str(scene) != config.scene:
             raise ConfigError(f"config is for the scene {config.scene}, not {scene}: change one")
-        self._restart = resumed or read_restart(config)
+        self._restart = resumed or restart.read_restart(config)
         config = config if self._restart is None else self._restart.adopt(config)
         self.config = self._configured = config
         """The configuration, with the arguments of the present run."""
@@ -183,7 +174,7 @@ class Simulation(NotCopyable):
         self._objects = objects
         self.mesh = build.make_mesh(config, self.scene, mesh)
         begun = None if self.initial is None else self.initial.identity
-        self.identity = {"initial": begun} | identity(config, self.scene, self.mesh)
+        self.identity = {"initial": begun} | restart.identity(config, self.scene, self.mesh)
         """Settings that a run must share with this one to resume it."""
         if self._restart is not None:
             self._restart.check(self.identity)
@@ -218,9 +209,9 @@ class Simulation(NotCopyable):
     @exclusive
     def reset(self) -> None:
         """Return to the initial state, or to the state of the checkpoint that was resumed."""
-        restart, self.config = self._restart, self._configured
+        earlier, self.config = self._restart, self._configured
         self._continues = self.config.restart  # the file of frames that a run may continue
-        self.run_id = "" if restart is None else str(restart.attributes.get("run_id", ""))
+        self.run_id = "" if earlier is None else str(earlier.attributes.get("run_id", ""))
         """Identifier of the file of frames that was written last, or that a restart resumes."""
         self.outcome = Summary("not begun")
         """How the last run ended, without numbers."""
@@ -228,17 +219,17 @@ class Simulation(NotCopyable):
         """Wall time, and CPU time of all threads, of steps without compiling and observing [s]."""
         self._plan: RunPlan | None = None
         self._stepper: Trajectory | None = None
-        self._kept: Keeper | None = None
-        self._left: Array | None = None  # the state at the end of the last run
+        self._keeper: Keeper | None = None
+        self._state_after_run: Array | None = None
         self._snapshot: Snapshot | None = None
         self._lengths: list[tuple[int, float, float]] = []
         """Lengths of steps so far [s], each with the number of steps and the time before it [s]."""
-        self._counted = dict(self.model.counters)  # at the time when the stepper was built
-        self._spent: Numbers = {}  # what had been counted by then
-        if restart is not None and restart.steps:
-            self._plan = restart.plan(self.config.dt)
+        self._counts_at_build = dict(self.model.counters)  # at the time when the stepper was built
+        self._earlier_counts: Numbers = {}  # of earlier steppers and the run before a restart
+        if earlier is not None and earlier.steps:
+            self._plan = earlier.plan(self.config.dt)
             if self._plan.cycle > planning.tracer_cycle(self, self._plan.dt):
-                raise ConfigError(f"{restart.path} is damaged: steps_at_once={self._plan.cycle}")
+                raise ConfigError(f"{earlier.path} is damaged: steps_at_once={self._plan.cycle}")
             self._start_stepper()
 
     @classmethod
@@ -322,14 +313,14 @@ class Simulation(NotCopyable):
 
     def _start_stepper(self) -> None:
         """Build the stepper of the plan, at the state of the checkpoint or the initial state."""
-        restart, plan = self._restart, self.plan
-        lengths = [(0, 0.0, plan.dt)] if restart is None else restart.lengths(plan.dt)
+        earlier, plan = self._restart, self.plan
+        lengths = [(0, 0.0, plan.dt)] if earlier is None else earlier.lengths(plan.dt)
         stepper, self._lengths = self._make_stepper(lengths[-1][-1], plan.cycle), lengths
-        if restart is None:
+        if earlier is None:
             stepper.start(self.model.initial_state())
         else:
-            self._spent = restart.counts
-            restart.load_into(stepper, self._before)
+            self._earlier_counts = earlier.counts
+            earlier.load_into(stepper, self._earlier_steps)
 
     def _make_stepper(self, dt: float, cycle: int) -> Trajectory:
         """Build the present stepper with steps of dt [s], of which `cycle` are taken together."""
@@ -347,7 +338,7 @@ class Simulation(NotCopyable):
         else:
             stepper = CarriedWithDepth(model, self.kind, dt, cycle)
         self._stepper, self._snapshot = stepper, None
-        self._counted = dict(model.counters)
+        self._counts_at_build = dict(model.counters)
         return stepper
 
     def fit_step(self) -> None:
@@ -360,15 +351,15 @@ class Simulation(NotCopyable):
         self.model.launch.forget()  # recorded commands reference the arrays of the old stepper
         gc.collect()  # steppers before this one, whose parts reference each other
         self._make_stepper(dt, cycle).follow(old, now)
-        self._spent = spent
+        self._earlier_counts = spent
         self._lengths.append((steps, now, dt))
 
     def _accept_since_run(self) -> None:
         """Accept changes of the state since the end of the last run, if no step was taken since."""
         self.release()
-        if self._left is not None:
-            self.accept_changes(self._left)
-            self._left = self.stepper.state.numpy().copy()
+        if self._state_after_run is not None:
+            self.accept_changes(self._state_after_run)
+            self._state_after_run = self.stepper.state.numpy().copy()
 
     def accept_changes(self, before: Array | None = None) -> None:
         """Accept changes of the stepper's state: a stepper with more memory starts again from it.
@@ -388,7 +379,7 @@ class Simulation(NotCopyable):
             stepper.load_numbers(stepper.numbers(), stepper.steps)
 
     @property
-    def _before(self) -> int:
+    def _earlier_steps(self) -> int:
         """Number of steps that were taken before the stepper was built."""
         return self._lengths[-1][0]
 
@@ -405,16 +396,16 @@ class Simulation(NotCopyable):
     @property
     def steps(self) -> int:
         """Steps since the start of the run."""
-        return 0 if self._stepper is None else self._before + self._stepper.steps
+        return 0 if self._stepper is None else self._earlier_steps + self._stepper.steps
 
     @property
     def equal_steps(self) -> RunPlan:
         """The plan with equal steps: those of the stepper, or prescribed ones if these differ."""
-        stepper, plan = self.stepper, replace(self.plan, lead=0.0, tail=0)
+        stepper, plan = self.stepper, replace(self.plan, lead_dt=0.0, tail_steps=0)
         if self.config.dt != "auto" and stepper.dt != plan.dt:
-            return replace(plan, first=self.steps, origin=self.time)
+            return replace(plan, lead_steps=self.steps, origin=self.time)
         plan = replace(plan, dt=stepper.dt, cycle=stepper.together)
-        return replace(plan, first=self._before, origin=stepper.origin)
+        return replace(plan, lead_steps=self._earlier_steps, origin=stepper.origin)
 
     @property
     def time(self) -> float:
@@ -425,7 +416,7 @@ class Simulation(NotCopyable):
     def step(self) -> None:
         """Take one step; RunFailed if it cannot be taken."""
         self._begin_once()
-        self._left = None
+        self._state_after_run = None
         self.fit_step()
         self.take(1)
 
@@ -458,7 +449,7 @@ class Simulation(NotCopyable):
         with ExitStack() as stack:  # each observer ends if it has begun
             try:
                 self._accept_since_run()
-                self._left, before = None, self.stepper.state.numpy().copy()
+                self._state_after_run, before = None, self.stepper.state.numpy().copy()
                 for observer in observers:
                     notify(observer, "begin", self.plan, self.snapshot)
                     stack.callback(self._end, observer)
@@ -474,7 +465,7 @@ class Simulation(NotCopyable):
                 # before the observers end, for which all ranks may be needed
                 self._ended_by(error)
         self.signal_number, stepper = noted.number, self._stepper
-        self._left = None if stepper is None else stepper.state.numpy().copy()
+        self._state_after_run = None if stepper is None else stepper.state.numpy().copy()
         return self.outcome
 
     def _end(self, observer: Observer) -> None:
@@ -536,7 +527,7 @@ class Simulation(NotCopyable):
         kept["outputs"] = self.config.outputs
         config = make_config(kept | asked)
         observers = read_callbacks(callbacks)
-        self.comm.on_root(lambda: check_paths(config))
+        self.comm.on_root(lambda: restart.check_paths(config))
         days = self.scene.days if config.days is None else config.days
         if overwrite and self.steps and days * DAY <= self.time + 1e-6:
             self.reset()
@@ -556,9 +547,9 @@ class Simulation(NotCopyable):
             steps = self.plan.steps - self.steps
             LOGGER.debug("%r begins: %d steps of %.6g s", self, steps, self.plan.dt)
             self.release()  # the state may have been changed since
-            self._kept = Keeper() if keep else None
-            if self._kept is not None:
-                observers.append(self._kept)
+            self._keeper = Keeper() if keep else None
+            if self._keeper is not None:
+                observers.append(self._keeper)
             try:
                 files = self._open_files()
             except (RunFailed, *BREAKDOWNS) as error:
@@ -668,10 +659,10 @@ class Simulation(NotCopyable):
 
     def counts(self) -> Numbers:
         """Return counters and seconds of the run, with those before a restart."""
-        counted, now = self._counted, self.model.counters
+        counted, now = self._counts_at_build, self.model.counters
         counts: Numbers = {name: n - counted.get(name, 0) for name, n in now.items()}
         counts["wall_seconds"] = self.wall_seconds
-        return {name: n + self._spent.get(name, 0) for name, n in counts.items()}
+        return {name: n + self._earlier_counts.get(name, 0) for name, n in counts.items()}
 
     @property
     @exclusive
@@ -681,11 +672,11 @@ class Simulation(NotCopyable):
         numbers = {name: self.identity[name] for name in names} | self._method() | self.options
         numbers |= {
             "steps": self.steps, "days": self.time / DAY, "days_planned": self.days,
-            "dt_wanted": self._plan and self._plan.wanted,
+            "dt_wanted": self._plan and self._plan.wanted_dt,
             "out": None if self.config.out is None else str(self.config.out),
             "outputs": [str(output.path) for output in self.config.outputs] or None,
-            "compile_seconds": self.model.compile_seconds,
-            "earlier_seconds": self._spent.get("wall_seconds", 0.0), "ranks": self.comm.size,
+            "compile_seconds": self.model.compile_seconds, "ranks": self.comm.size,
+            "earlier_seconds": self._earlier_counts.get("wall_seconds", 0.0),
         }  # fmt: skip
         numbers |= {**dict.fromkeys(NAMES["costs"], 0), **self.counts()}
         if outcome.is_sound:
@@ -768,9 +759,9 @@ class Simulation(NotCopyable):
 
         from swe_sphere.analysis.accessor import open_run
 
-        if self._kept is not None and self._kept.frames:
+        if self._keeper is not None and self._keeper.frames:
             same: Any = {"data_vars": "minimal", "coords": "minimal", "compat": "override"}
-            kept = [*self._kept.frames.values()]
+            kept = [*self._keeper.frames.values()]
             frames: xr.Dataset = xr.concat(kept, "time", combine_attrs="override", **same)
             return frames
         if self.config.out is None:
@@ -833,8 +824,8 @@ class Simulation(NotCopyable):
                     f"the array {name} of stepper {self.kind.name} is not finite at day"
                     f" {self.time / DAY:.4g} (step {self.steps}): take a smaller dt"
                 )
-        counters = {f"{COUNTER}{name}": np.array(n) for name, n in self.counts().items()}
-        return arrays | counters | {LENGTHS: np.array(self._lengths)}
+        counters = {f"{restart.COUNTER}{name}": np.array(n) for name, n in self.counts().items()}
+        return arrays | counters | {restart.LENGTHS: np.array(self._lengths)}
 
     def __repr__(self) -> str:
         where = "not begun" if self._stepper is None else f"day {self.time / DAY:.4g}"
@@ -881,8 +872,8 @@ def run_scene(
     so that a signal in the last step raises Interrupted.  ConfigError if it cannot be run.
     """
     started = time.perf_counter()
-    world().on_root(lambda: check_paths(config))
-    if config.overwrite and appends(config.model_copy(update={"overwrite": False})):
+    world().on_root(lambda: restart.check_paths(config))
+    if config.overwrite and restart.appends(config.model_copy(update={"overwrite": False})):
         raise ConfigError("overwrite: the run resumes in its file: leave overwrite out")
     if config.fields and config.out is None and config.plot is None:
         raise ConfigError("fields: the run writes no file: give out, the name of one")

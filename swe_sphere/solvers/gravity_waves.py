@@ -226,12 +226,12 @@ class GravityWaves:
         """
         b, h = self._fields
         self.operator.eliminate(r, b)
-        self.operator.collect(b, self._b)
-        self.operator.spread(guess, h)
-        self.operator.collect(h, self._h)
+        self.operator.to_nodes(b, self._b)
+        self.operator.to_field(guess, h)
+        self.operator.to_nodes(h, self._h)
         result = self._krylov.solve(self._system, self._b, self._h, self._precondition, tolerance)
         self.space.match_mean(self._b, self._h, self._ones)
-        self.operator.spread(self._h, h)
+        self.operator.to_field(self._h, h)
         self.operator.substitute(r, h, out)
         if self._carried is not None:
             self._carried.solve(self.tau, r, out)
@@ -239,12 +239,12 @@ class GravityWaves:
 
     def _product(self, d: wp.array, out: wp.array) -> None:
         field, image = self._fields
-        self.operator.spread(d, field)
+        self.operator.to_field(d, field)
         self.operator.apply(field, image)
-        self.operator.collect(image, out)
+        self.operator.to_nodes(image, out)
 
     def _inverse(self, r: wp.array, z: wp.array) -> None:
         rough_r, rough_z = self._rough_fields
-        self._rough.spread(r, rough_r)
+        self._rough.to_field(r, rough_r)
         self._inner.solve(rough_r, rough_z)
-        self._rough.collect(rough_z, z)
+        self._rough.to_nodes(rough_z, z)

@@ -39,7 +39,7 @@ CAP = 0.1
 saves Newton iterations, whose residuals are expensive."""
 
 
-def followed_nonlinearity(norm: float, target: float, nonlinearity: float | None) -> float:
+def forcing_term(norm: float, target: float, nonlinearity: float | None) -> float:
     """Return the forcing term eta, from the error of the linear model in an earlier step.
 
     The solve ends at |F + J d| <= eta |F|. norm: |F|; target: largest |F| at the end; nonlinearity:
@@ -97,35 +97,33 @@ class NewtonKrylov:
     """Solver of F(x) = 0; keep the instance: it allocates four vectors once."""
 
     def __init__(
-        self, space: VectorSpace, gmres: FlexibleGMRES, rtol: float = 1e-6,
-        max_iterations: int = 20, max_krylov: int = 200,
-        forcing: Callable[[float, float, float | None], float] = followed_nonlinearity,
+        self, space: VectorSpace, gmres: FlexibleGMRES, max_iterations: int = 20,
+        max_krylov: int = 200,
+        forcing: Callable[[float, float, float | None], float] = forcing_term,
     ) -> None:  # fmt: skip
-        """Set the tolerance: converged means |F(x)| <= rtol |F(x_0)| in the norm of the space.
-
-        max_krylov: largest number of Krylov iterations per Newton iteration.
-        """
-        self.space, self.gmres = space, gmres
-        self.rtol, self.forcing = rtol, forcing
+        """Allocate; max_krylov: largest number of Krylov iterations per Newton iteration."""
+        self.space, self.gmres, self.forcing = space, gmres, forcing
         self.max_iterations, self.max_krylov = max_iterations, max_krylov
         self.nonlinearity: float | None = None
-        """Last measured nonlinearity, kept from solve to solve; see `followed_nonlinearity`."""
+        """Last measured nonlinearity, kept from solve to solve; see `forcing_term`."""
         self._residual, self._trial_residual = space.zeros(), space.zeros()
         self._trial, self._direction = space.zeros(), space.zeros()
 
     def solve(
-        self, problem: Problem, x: wp.array, scale: float | None = None, floor: float = 0.0
-    ) -> NewtonResult:
+        self, problem: Problem, x: wp.array, rtol: float = 1e-6, scale: float | None = None,
+        floor: float = 0.0,
+    ) -> NewtonResult:  # fmt: skip
         """Solve from the guess x (n,), which is replaced by the best point found.
 
-        scale: reference of rtol instead of |F(x_0)|, so that a better guess saves work; at least
-        one correction is computed. floor: a residual for which a second correction does not pay. A
-        tolerance below the accuracy of the arithmetic, 0 included, is met by corrections of
-        round-off size: the result then sets `roundoff`. Steps are shortened where F is not finite.
+        Converged means |F(x)| <= rtol |F(x_0)| in the norm of the space; at least one correction is
+        computed. scale: in place of |F(x_0)|, so that a better guess saves work. floor: a residual
+        for which a second correction does not pay. A tolerance below the accuracy of the
+        arithmetic, 0 included, is met by corrections of round-off size: the result then sets
+        `roundoff`. Steps are shortened where F is not finite.
         """
         problem.residual(x, self._residual)
         first = self.space.norm(self._residual)
-        target = self.rtol * (first if scale is None else scale)
+        target = rtol * (first if scale is None else scale)
         p = NewtonResult(history=[first], target=target, floor=floor)
         if not math.isfinite(first):
             return p.end(Status.NAN, "the residual of the guess is not finite")

@@ -75,7 +75,7 @@ class VectorSpace:
         values = np.array(weights, dtype=np.float64)
         self.global_size = values.size
         """Numbers of a vector on all ranks together."""
-        values = values if mesh is None else mesh.restrict(values)
+        values = values if mesh is None else mesh.on_rank(values)
         if values.ndim != 1 or not np.all((values > 0.0) & np.isfinite(values)):
             raise ConfigError("the weights of a vector space must be positive and finite")
         self.n, self.real = values.size, real or (wp.float64 if mesh is None else mesh.real)
@@ -110,7 +110,7 @@ class VectorSpace:
 
     def load(self, values: NDArray[Any], x: wp.array) -> None:
         """Set x to the fields (k N,) of the whole mesh."""
-        x.assign(values if self._mesh is None else self._mesh.restrict(values))
+        x.assign(values if self._mesh is None else self._mesh.on_rank(values))
 
     def axpy(self, a: float, x: wp.array, y: wp.array) -> None:
         """Set y = y + a x."""

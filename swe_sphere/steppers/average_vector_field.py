@@ -70,7 +70,7 @@ class AverageProblem(StageProblem):
     large factor per iteration and needs no special code.
     """
 
-    slopes = 2.0
+    tau_factor = 2.0
 
     def __init__(self, model: Model, space: VectorSpace, preconditioner: str) -> None:
         super().__init__(model, space, preconditioner)

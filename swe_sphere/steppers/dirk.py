@@ -11,7 +11,7 @@ from swe_sphere.steppers.implicit import ImplicitStepper
 from swe_sphere.steppers.stability import check_order, checked_tableau, error_constant
 from swe_sphere.steppers.stepper import read_methods
 
-EXPECTED = 0.3
+EXTRAPOLATED_SHARE = 0.3
 """Fraction of the last change of slope that the guess of BDF2 extrapolates.  Balanced (slow) flow
 permits all of it, but that would double the noise of unresolved waves."""
 LARGEST_RATIO = 2.0
@@ -161,7 +161,7 @@ class BDF2(ImplicitStepper):
         now, past = (1.0 + w) ** 2 / (1.0 + 2.0 * w), -(w**2) / (1.0 + 2.0 * w)
         self.space.axpby(past, self.previous, now, self.state, self._rhs)
         self.space.axpby(-w, self.previous, 1.0 + w, self.state, out)
-        self.space.axpy(0.5 * EXPECTED * dt * (dt + before), self.solver.bend, out)
+        self.space.axpy(0.5 * EXTRAPOLATED_SHARE * dt * (dt + before), self.solver.bend, out)
         return self.solver.solve(dt * (1.0 + w) / (1.0 + 2.0 * w), t + dt, self._rhs, out)
 
     def accept(self, dt: float) -> None:

@@ -64,7 +64,7 @@ SIZE = 100
 """Largest number of vectors of a basis: functions of a larger matrix cost more than they save."""
 FIRST_LOOK = 5
 APART = 16
-"""The error is estimated each time the basis has grown by one over this number."""
+"""The error is estimated again when the basis has grown by 2 and its size over this number."""
 SHORTER = 0.85
 """Factor that shortens a time which the largest basis does not reach."""
 SHORTEST_SUBSTEP = 1e-4

@@ -104,10 +104,10 @@ class FlowLimitStepper(Stepper):
 
     @classmethod
     def propagator(cls, share: float, wave: Complex, wind: Complex, loss: Complex) -> Complex:
-        """Return changes (..., n, n) of the levels of h' sqrt(g/H), then of u, of a wave by a step.
+        """Return matrices (..., n, n) of a step, for the levels of h' sqrt(g/H), then those of u.
 
-        dh/dt = -(wind h + wave u) / dt + loss h / dt, and likewise for u; wave, wind and loss are
-        arrays (..., 1), `share` is the ratio of the wind to the speed of waves.
+        The wave has dt dh/dt = (loss - wind) h - wave u, and likewise for u. wave, wind and loss
+        (..., 1) are rates times dt; `share` is the ratio of the wind to the speed of waves.
         """
         raise NotImplementedError
 

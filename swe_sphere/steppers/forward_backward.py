@@ -46,7 +46,7 @@ class Passes:
         self._mesh, self._real = mesh, mesh.real
         terms = element_terms(model.scene, "conservative")
         point = pointwise_terms(model.scene, "conservative", model.parameters)
-        self._moves, self._first = not terms.wind, terms.unknowns - 1
+        self._moves, self._first = not terms.passive, terms.unknowns - 1
         self._flux = model.carried if isinstance(model.carried, MassFlux) else None
         self._masses = 1 if self._flux else len(model.names) - self._first
         self.carried, self.pushed, self._loss, self._crossing = (model.zeros() for _ in range(4))
@@ -74,7 +74,7 @@ class Passes:
         self._local_wind = mesh.scratch(2, types.value)
         self._transport = None
         if direct:
-            types = mesh.types(terms=Terms(wind=terms.wind, still=True), **stepped)
+            types = mesh.types(terms=Terms(passive=terms.passive, no_transport=True), **stepped)
             self._transport = carrying_kernel(types, damped)
         elif terms.dynamics:
             self._transport = field_kernel(types, transport(terms.tangent))

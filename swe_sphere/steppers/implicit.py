@@ -33,7 +33,7 @@ MOST_STEP_PARTS = 64
 class StageProblem:
     """x - tau F(x, t) = rhs with exact Jacobian products."""
 
-    slopes: ClassVar[float] = 1.0
+    tau_factor: ClassVar[float] = 1.0
     """Factor of tau F in the residual."""
     tau, time = 0.0, 0.0
     rhs: wp.array = None
@@ -46,7 +46,7 @@ class StageProblem:
     def residual(self, x: wp.array, out: wp.array) -> None:
         """Set out = x - tau F(x) - rhs."""
         self._evaluate(x)
-        factor = -self.slopes * self.tau
+        factor = -self.tau_factor * self.tau
         self._model.launch.combine(x, self._slope, factor, self.rhs, -1.0, out=out)
 
     def _evaluate(self, x: wp.array) -> None:
@@ -62,7 +62,7 @@ class StageProblem:
 
     def masses(self, x: wp.array) -> list[tuple[wp.array, wp.array, float]]:
         """Return states whose masses follow from a source: (source, state, gain in depth [m])."""
-        return [(self.rhs, x, self.slopes * self.tau * self._model.mean_source(self.time))]
+        return [(self.rhs, x, self.tau_factor * self.tau * self._model.mean_source(self.time))]
 
 
 class NewtonStages(StageSolver):
@@ -120,8 +120,8 @@ class NewtonStages(StageSolver):
         if problem.precondition is not None:
             point = self.model.point_of_tangent(self.state)
             problem.precondition.update(point, self.prepared_for or tau)
-        self.newton.rtol = self.tolerance
-        result = self.newton.solve(problem, x, tau * self.rate, self.residual_floor())
+        scale, floor = tau * self.rate, self.residual_floor()
+        result = self.newton.solve(problem, x, self.tolerance, scale, floor)
         self.counters["newton_iterations"] += result.newton_iterations
         self.counters["krylov_iterations"] += result.krylov_iterations
         if not result.converged:
@@ -151,13 +151,13 @@ class NewtonStages(StageSolver):
         for block, name in self._conserved:
             self._masses.restore(rhs, x, block, gain if name == "h" else 0.0)
 
-    def state_dict(self) -> dict[str, NDArray[Any]]:
+    def numbers(self) -> dict[str, NDArray[Any]]:
         made, known = self.problem.precondition, self.newton.nonlinearity
-        saved = super().state_dict() | ({} if made is None else made.state_dict())
+        saved = super().numbers() | ({} if made is None else made.state_dict())
         return saved | {"nonlinearity": np.array(-1.0 if known is None else known)}
 
-    def load_state_dict(self, saved: dict[str, NDArray[Any]]) -> None:
-        super().load_state_dict(saved)
+    def load_numbers(self, saved: dict[str, NDArray[Any]]) -> None:
+        super().load_numbers(saved)
         known = float(saved["nonlinearity"])
         self.newton.nonlinearity = known if known >= 0.0 else None
         if self.problem.precondition is not None:

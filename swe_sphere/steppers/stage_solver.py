@@ -24,8 +24,8 @@ carries has the same weight as the change of the wind."""
 NOTHING = 1e-60
 """Weight that counts as none, because weights must be positive."""
 RESIDUAL_FLOOR = 0.1
-"""Residuals below this many round-offs of the state justify one iteration, not two: rounding alone
-causes as much.  A larger number would let them accumulate in float32 with short steps."""
+"""A residual below this many round-offs of the state is reduced by one iteration only, as rounding
+causes as much.  With a larger number such residuals accumulate in float32 with short steps."""
 
 
 def energy_weights(model: Model) -> Array:
@@ -93,11 +93,11 @@ class Motion:
     def arrays(self) -> dict[str, wp.array]:
         return {"mean_slope": self.mean_slope, "bend": self.bend}
 
-    def state_dict(self) -> dict[str, NDArray[Any]]:
+    def numbers(self) -> dict[str, NDArray[Any]]:
         """Return the numbers that an exact restart needs in addition to `arrays`."""
         return {"motion": np.array([self.rate, self.last_dt, *self.frequencies])}
 
-    def load_state_dict(self, saved: dict[str, NDArray[Any]]) -> None:
+    def load_numbers(self, saved: dict[str, NDArray[Any]]) -> None:
         self.rate, self.last_dt, first, second = saved["motion"].tolist()
         self.frequencies = first, second
 

@@ -115,14 +115,14 @@ class Trajectory(NotCopyable):
 
     def numbers(self) -> dict[str, NDArray[Any]]:
         """Return the numbers that an exact restart needs in addition to `restart_arrays`."""
-        solver = {} if self.solver is None else self.solver.state_dict()
+        solver = {} if self.solver is None else self.solver.numbers()
         return {"origin": np.array(self.origin)} | solver
 
     def load_numbers(self, state: dict[str, NDArray[Any]], steps: int) -> None:
         """Load the result of `numbers` after that many steps."""
         self.origin, self.steps = float(state["origin"]), steps
         if self.solver is not None:
-            self.solver.load_state_dict(state)
+            self.solver.load_numbers(state)
 
     def keep(self) -> Callable[[], None]:
         """Return a function that restores the present state; arrays are kept on the device."""

@@ -160,7 +160,7 @@ METADATA = tested(
         "counts before a restart forgotten",
         "swe_sphere/simulation/simulation.py",
         _CONTINUED,
-        "n + self._spent.get(name, 0)",
+        "n + self._earlier_counts.get(name, 0)",
         "n",
     ),
     (
@@ -243,8 +243,8 @@ METADATA = tested(
         "energy may grow by the root of its bound more",
         "swe_sphere/simulation/observers.py",
         ("test_health.py::test_energy_is_checked_from_both_sides_of_its_bound",),
-        "growth = (norm / self._supply) ** 2",
-        "growth = norm / self._supply",
+        "growth = (norm / self._expected_norm) ** 2",
+        "growth = norm / self._expected_norm",
     ),
     (
         "a state that a callback changed is not checked",

@@ -121,9 +121,9 @@ class CoarsePart:
     """
 
     def __init__(
-        self, operator: SchurOperator, spaces: list[ElementSpace], slopes: list[Any]
+        self, operator: SchurOperator, spaces: list[ElementSpace], gradients: list[Any]
     ) -> None:
-        """Find the functions of this rank; slopes (2N, V): those of the computational modes."""
+        """Find the functions of this rank; gradients (2N, V): those of the computational modes."""
         mesh, launch = operator.mesh, operator.mesh.launch
         self._mesh, self._launch, self._here = mesh, launch, mesh.part.elements
         self._numbers = _numbers(spaces)
@@ -135,7 +135,7 @@ class CoarsePart:
         self._away: dict[int, Integers] = {}
         self._owner = np.zeros(len(self._numbers), dtype=int)
         if mesh.comm.shared:
-            reach = _reach(spaces[0], slopes)
+            reach = _reach(spaces[0], gradients)
             rows = np.unique(reach.T.tocsr()[self._mine].indices)
             self.functions = np.unique(reach[rows].indices)
             for rank, elements in enumerate(mesh.comm.allgather(self._here)):
@@ -251,7 +251,7 @@ def _numbers(spaces: list[ElementSpace]) -> Integers:
     return np.concatenate([smooth, both, one + other], axis=1, dtype=np.int32)
 
 
-SWEEPS = 6
+COARSE_STEPS = 6
 """Number of Chebyshev steps on the coarse functions.  After some days of a run the computational
 modes limit the convergence: three steps need 1.5 times as many iterations."""
 NEGLIGIBLE = 0.02
@@ -275,11 +275,11 @@ class CoarseCorrection:
         area = scipy.sparse.diags_array(mesh.area)
         bases = [interpolation(mesh, space) for space in spaces]
         self._mass, *masses = [(basis.T @ (area @ basis)).tocsr() for basis in bases]
-        slopes = [sparse.slopes(mesh, space, np.float32) for space in spaces[1:]]
-        self._modes = list(zip(masses, slopes, strict=True))
+        gradients = [sparse.gradients(mesh, space, np.float32) for space in spaces[1:]]
+        self._modes = list(zip(masses, gradients, strict=True))
         self._longest = longest_waves(mesh, bases[0])
         count, (smooth, few) = sum(basis.shape[1] for basis in bases), self._longest.shape
-        self._part = CoarsePart(operator, spaces, slopes)
+        self._part = CoarsePart(operator, spaces, gradients)
         self._b, self._r, self._d, self._new, self._found = (
             vector(operator.mesh, self._part.functions.size) for _ in range(5)
         )
@@ -304,13 +304,13 @@ class CoarseCorrection:
         schur, longest = self._operator.matrix, self._longest
         compact = sparse.stiffness(schur.mesh, schur.weight(tau, depth), self._hats)
         smooth = self._mass + tau**2 * schur.gravity * compact
-        blocks = [schur.galerkin(mass, slopes, tau, depth) for mass, slopes in self._modes]
+        blocks = [schur.galerkin(mass, gradients, tau, depth) for mass, gradients in self._modes]
         modes = _without_small(scipy.sparse.block_diag(blocks, format="coo"))
         matrix = scipy.sparse.block_diag([smooth, modes], format="csr", dtype=np.float32)
         del compact, blocks, modes  # the memory use of a run peaks here
         inverse = 1.0 / matrix.diagonal()
         largest = spectral_bound(lambda x: inverse * (matrix @ x), inverse.size)
-        self._coefficients = chebyshev_coefficients(SWEEPS, largest)
+        self._coefficients = chebyshev_coefficients(COARSE_STEPS, largest)
         few = (longest.T @ smooth @ longest).toarray()
         independent = longest.shape[0] >= longest.shape[1]  # otherwise the mesh has eight vertices
         exact = np.linalg.inv(few) if independent else np.linalg.pinv(few, 1e-10, hermitian=True)
@@ -331,8 +331,8 @@ class CoarseCorrection:
         wp.copy(self._r.values, self._b.values)
         self._solve_longest(d, add=False)
         before, product = d, self._smooth
-        for left, coefficients in zip(range(SWEEPS)[::-1], self._coefficients, strict=True):
-            product.sweep(coefficients, per_diagonal, self._r, (d, new), before, found)
+        for left, coefficients in zip(range(COARSE_STEPS)[::-1], self._coefficients, strict=True):
+            product.chebyshev_step(coefficients, per_diagonal, self._r, (d, new), before, found)
             if left:
                 exchange(new)
             before, d, new, product = found, new, d, self._matrix
@@ -340,7 +340,7 @@ class CoarseCorrection:
             exchange(found)
             wp.copy(self._r.values, self._b.values)
             nothing = (0.0, 0.0, 0.0)  # only the residual is updated
-            self._smooth.sweep(nothing, per_diagonal, self._r, (found, new), found, found)
+            self._smooth.chebyshev_step(nothing, per_diagonal, self._r, (found, new), found, found)
             self._solve_longest(found, add=True)
         if not add:
             x.values.zero_()
@@ -376,11 +376,11 @@ def _filled(matrix: scipy.sparse.csr_array, shape: tuple[int, int]) -> scipy.spa
     return wider
 
 
-def _reach(smooth: ElementSpace, slopes: list[Any]) -> scipy.sparse.csr_array:
-    """Return rows of functions that couple: smooth ones by element, modes by common slopes."""
+def _reach(smooth: ElementSpace, gradients: list[Any]) -> scipy.sparse.csr_array:
+    """Return rows of functions that couple: smooth ones by element, modes by common gradients."""
     element, function = np.indices(smooth.numbers.shape)[0].ravel(), smooth.numbers.ravel()
     of_elements = scipy.sparse.csr_array((np.ones(element.size), (element, function)))
-    return scipy.sparse.block_diag([of_elements, *slopes], format="csr")
+    return scipy.sparse.block_diag([of_elements, *gradients], format="csr")
 
 
 def _without_small(matrix: scipy.sparse.coo_array) -> scipy.sparse.csr_array:

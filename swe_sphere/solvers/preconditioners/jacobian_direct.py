@@ -30,7 +30,7 @@ class JacobianDirect(LaggedPreconditioner):
         super().__init__(model)
         mesh = model.mesh
         self._probing = Probing(mesh)
-        self._spacing = model.device_mesh.restrict(np.sqrt(mesh.area))
+        self._spacing = model.device_mesh.on_rank(np.sqrt(mesh.area))
         self._order = (dissection_order(mesh)[:, None] + mesh.size * np.arange(FIELDS)).ravel()
         self._jacobian = model.inviscid.jacobian()
         self._direction, self._image = model.zeros(), model.zeros()
@@ -42,7 +42,7 @@ class JacobianDirect(LaggedPreconditioner):
 
     def _is_near(self, flow: wp.array) -> bool:
         mesh = self._model.device_mesh
-        u, v, h = mesh.restrict(self._flow).reshape(FIELDS, -1)
+        u, v, h = mesh.on_rank(self._flow).reshape(FIELDS, -1)
         now_u, now_v, now_h = flow.numpy().reshape(FIELDS, -1)
         courant = self._tau * float((np.hypot(now_u - u, now_v - v) / self._spacing).max())
         near = bool(np.all(np.abs(now_h - h) <= DEPTH_CHANGE * np.abs(now_h)))
@@ -75,4 +75,4 @@ class JacobianDirect(LaggedPreconditioner):
 
     def _place(self, fluid: Array, state: wp.array) -> None:
         """Store wind and depth at the front of a state."""
-        self._model.device_mesh.write(self._model.device_mesh.restrict(fluid), state)
+        self._model.device_mesh.write(self._model.device_mesh.on_rank(fluid), state)

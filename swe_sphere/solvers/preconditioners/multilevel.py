@@ -21,7 +21,8 @@ Chebyshev step after the last correction pays off and, without `symmetric`, a se
 COURANT_A_CYCLE, MOST_CYCLES = 20.0, 4
 """Each such increase of the gravity-wave Courant number adds a cycle, up to MOST_CYCLES."""
 COURANT_A_STEP, LEAST_STEPS, MOST_STEPS, VERY_LONG = 2.2, 4, 16, 40.0
-"""Above np 4, undamped: a Chebyshev step for each such Courant number; from VERY_LONG 2 cycles."""
+"""Above np 4 without diffusion a cycle has a Chebyshev step for each COURANT_A_STEP of the Courant
+number, within these limits; above VERY_LONG there are two cycles."""
 
 
 def schur_operator(
@@ -51,18 +52,18 @@ class Multilevel:
 
     def setup(self, tau: float, depth: Array) -> None:
         """Prepare for the implicit step tau [s] and the depth (N,) [m] of the operator."""
-        courant = float(np.sqrt(self.operator.diagonal.max()))
-        usual = LEAST_STEPS if self.operator.damping is not None else None
-        largest, few = schur_bound(self.operator), DEGREES.get(self.operator.mesh.mesh.np, usual)
-        if few is None:
+        courant, largest = float(np.sqrt(self.operator.diagonal.max())), schur_bound(self.operator)
+        np_, is_long = self.operator.mesh.mesh.np, courant > LONG
+        if np_ > 4 and self.operator.damping is None:
             last = min(max(round(courant / COURANT_A_STEP), LEAST_STEPS), MOST_STEPS)
             between = last if self._symmetric else last // 2
             self._cycles = 1 + (courant > VERY_LONG)
         else:
-            last = between = few + (courant > LONG)
+            steps = DEGREES.get(np_, LEAST_STEPS)
+            last = between = steps + is_long
             self._cycles = min(1 + int(courant / COURANT_A_CYCLE), MOST_CYCLES)
-            if courant > LONG and not self._symmetric:
-                between = few - (self._cycles == 1)
+            if is_long and not self._symmetric:
+                between = steps - (self._cycles == 1)
                 self._cycles = max(self._cycles, 2)
         self._steps, self._between = (chebyshev_coefficients(n, largest) for n in (last, between))
         self._coarse.setup(tau, depth)

@@ -72,7 +72,7 @@ class SweepWatcher:
 
     def begin(self, spec: RunSpec) -> None:
         """Show which run is about to begin."""
-        self._label, self._steps = spec.label, spec.steps.steps if spec.steps else 0
+        self._label, self._steps = spec.label, spec.plan.steps if spec.plan else 0
         self._bar.set_postfix_str(spec.label)
 
     def tick(self, step: int) -> None:
@@ -182,7 +182,7 @@ def _begun(spec: RunSpec) -> Simulation:
     if spec.refusal is not None:
         raise ConfigError(spec.refusal)
     sim = spec.integrator.space.simulation(spec.config)
-    sim.begin(spec.steps)
+    sim.begin(spec.plan)
     return sim
 
 
@@ -326,7 +326,7 @@ class Evaluator:
             at, settings = study.at(*key), space.config.scene_settings
             integrator = study.integrator(at, STEPPER, settings=settings)
             longest = 2.0 * PART * integrator.stable_dt
-            twice = study.steps(min(longest, study.interval), automatic=True)
+            twice = study.plan_steps(min(longest, study.interval), automatic=True)
             plans = [
                 replace(twice, dt=twice.dt / n, steps=n * twice.steps,
                         frame_steps=n * twice.frame_steps)

@@ -37,14 +37,7 @@ from swe_sphere.io.integrals import Fields
 from swe_sphere.io.reference_solution import Reference
 from swe_sphere.operators import find_device
 from swe_sphere.planet import DAY
-from swe_sphere.simulation import planning
-from swe_sphere.simulation.build import (
-    make_mesh,
-    make_scene,
-    shipped_solution,
-    start_warp,
-    stepper_options,
-)
+from swe_sphere.simulation import build, planning
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 from swe_sphere.simulation.restart import identity, run_sources
@@ -175,8 +168,8 @@ class Discretisation:
 
     def __init__(self, config: RunConfig, own: Scene | None = None) -> None:
         self.config, self._own = config, own
-        self.scene = make_scene(config, own)
-        self.mesh = make_mesh(config, self.scene)
+        self.scene = build.make_scene(config, own)
+        self.mesh = build.make_mesh(config, self.scene)
         self._spectra: dict[type[Stepper], list[Spectrum]] = {}
 
     @cached_property
@@ -253,7 +246,7 @@ class Study:
     def __init__(self, plan: SweepPlan, own: Scene | None = None) -> None:
         self.plan, self._own = plan, own
         self._known: dict[tuple[int, int, str], Discretisation] = {}
-        self.scene = scene = make_scene(plan.run_config(), own)
+        self.scene = scene = build.make_scene(plan.run_config(), own)
         self.ne, self.np = plan.ne or (scene.ne,), plan.np or (scene.np,)
         self.days = scene.days if plan.days is None else plan.days
         meant = (float(planning.meant_hours(24.0 * day) / 24) for day in plan.report_days)
@@ -309,7 +302,7 @@ class Study:
         chosen = {"stepper": stepper, **options}
         return Integrator(space.config.model_copy(update=chosen), space, self)
 
-    def steps(self, dt: float, automatic: bool = False) -> planning.RunPlan:
+    def plan_steps(self, dt: float, automatic: bool = False) -> planning.RunPlan:
         """Return steps of at most dt [s] that meet all report times; ConfigError if no step does.
 
         automatic: True for an automatic dt, which may be shortened as much as they require.
@@ -338,7 +331,7 @@ class Study:
         for a file that cannot be read or is of no report day.
         """
         if not self.plan.reference:
-            shipped = {day: shipped_solution(self.scene, day) for day in self.report_days}
+            shipped = {day: build.shipped_solution(self.scene, day) for day in self.report_days}
             return {day: path for day, path in shipped.items() if path}
         found: dict[float, Path] = {}
         for path in self.plan.reference:
@@ -367,7 +360,7 @@ class Study:
         origin = "a file" if SCENE_FILE in files else "the package"
         if self._own is not None:
             origin = users_fingerprint(self._own.initial)
-        start_warp()
+        build.start_warp()
         return {
             "the code of swe_sphere": code_fingerprint(),
             "the processor": processor(find_device(self.plan.device)),
@@ -404,7 +397,7 @@ class Integrator:
     def refusal(self) -> str | None:
         """Reason why the stepper cannot run this scene, if any."""
         try:
-            stepper_options(self.kind, self.config)
+            build.stepper_options(self.kind, self.config)
             _ = self.stable_dt
         except ConfigError as error:
             return in_one_line(error)
@@ -415,7 +408,7 @@ class Integrator:
         """Options of the stepper; as requested if it cannot be built."""
         if self.refusal is not None:
             return {"preconditioner": self.config.preconditioner}
-        return stepper_options(self.kind, self.config)
+        return build.stepper_options(self.kind, self.config)
 
     @cached_property
     def sources(self) -> dict[str, str]:
@@ -441,7 +434,7 @@ class Integrator:
             trial = role == "stability"
             days = max(self.study.days, TRIAL_DAYS, TRIAL_STEPS * dt / DAY)
             cycle = self.study.cycle
-            steps = planning.free_steps(days, dt, cycle) if trial else self.study.steps(dt)
+            steps = planning.free_steps(days, dt, cycle) if trial else self.study.plan_steps(dt)
         except ConfigError as error:
             return RunSpec(self, dt, None, role, str(error))
         return RunSpec(self, steps.dt, steps, role, self.refusal)
@@ -467,7 +460,7 @@ class RunSpec:
     integrator: Integrator
     dt: float
     """The step [s]."""
-    steps: planning.RunPlan | None = field(compare=False)
+    plan: planning.RunPlan | None = field(compare=False)
     """None if no step near the requested one is possible."""
     role: Role = "grid"
     refusal: str | None = field(default=None, compare=False)
