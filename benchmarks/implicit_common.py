@@ -49,7 +49,7 @@ def run(scene: str, mesh: Mesh, name: str, dt: float, days: float, **options: An
     sim = Simulation(scene, mesh=mesh, stepper=name, options=options)
     sim.begin(RunPlan(dt, steps, steps, dt))
     rhs, daily = [_rhs_seconds(sim.model)], Energies(max(1, round(DAY / dt)))
-    outcome = sim.advance([daily])
+    outcome = sim.run_plan([daily])
     if not outcome.completed:
         raise RunFailed(outcome.reason)
     rhs.append(_rhs_seconds(sim.model))

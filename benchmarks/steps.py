@@ -60,7 +60,7 @@ def _raced(scene: str, ne: int, np_: int, days: float) -> list[list[str]]:
             count = round(days * DAY / dt)
             sim = Simulation(scene, mesh=mesh, stepper=name)
             sim.begin(RunPlan(dt, count, count, dt))
-            if sim.advance().completed:
+            if sim.run_plan().completed:
                 seconds[name].append(sim.cpu_seconds)
                 kept[name] = sim
     error = {name: _error(scene, days, sim) for name, sim in kept.items()}
@@ -160,7 +160,7 @@ def _run(scene: str | Scene, mesh: Mesh, stepper: str, dt: float, days: float) -
     count = round(days * DAY / dt)
     sim = Simulation(scene, mesh=mesh, stepper=stepper)
     sim.begin(RunPlan(dt, count, count, dt))
-    if not sim.advance().completed:
+    if not sim.run_plan().completed:
         raise SystemExit(f"{sim.scene.name}: {stepper} became unstable with dt = {dt:.0f} s")
     return sim
 

@@ -178,7 +178,7 @@ def test_callbacks_more_often_than_steps_are_not_called_between_them():
     often = every(hours=0.01)(lambda sim: hours.append(sim.time))
     sim = Simulation("williamson2", ne=2, np=4, dt=864.0, days=0.02)
     sim.begin()
-    assert sim.advance([often]).completed and sim.time not in hours[:-1]
+    assert sim.run_plan([often]).completed and sim.time not in hours[:-1]
 
 
 def test_a_summary_without_numbers_and_a_diagnostic_without_a_name():

@@ -203,7 +203,7 @@ def test_the_message_of_a_signal_between_two_runs_and_within_one_is_the_same(num
     sim.begin()
     with Interruption() as noted:
         with pytest.raises(Interrupted, match=f"^interrupted by {name}$"):
-            sim.advance([Callback(send(number))], interruption=noted)
+            sim.run_plan([Callback(send(number))], interruption=noted)
         with pytest.raises(Interrupted, match=f"^interrupted by {name}$"):
             noted.check()
 

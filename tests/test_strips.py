@@ -106,7 +106,7 @@ def test_the_edge_penalty_acts_between_steps_taken_at_once(monkeypatch, waves, n
         moved(monkeypatch, *case, in_rings=True, most=1)
         alone = waves[-1]
         moved(monkeypatch, *case, in_rings=True)
-        assert STEPPERS[name].at_once * alone in waves
+        assert STEPPERS[name].fused_steps * alone in waves
 
 
 def test_a_step_of_rk4_is_one_wave(monkeypatch, waves):
@@ -119,7 +119,7 @@ def test_several_steps_are_one_wave_if_nothing_is_due_between(monkeypatch, waves
     moved(monkeypatch, *case, in_rings=True, most=1)
     alone = waves[-1]
     moved(monkeypatch, *case, in_rings=True)
-    assert STEPPERS["forward-backward"].at_once * alone in waves
+    assert STEPPERS["forward-backward"].fused_steps * alone in waves
 
 
 def test_launches_that_are_not_cut_stay_in_their_place(monkeypatch, waves):

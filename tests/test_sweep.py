@@ -450,7 +450,7 @@ def with_noise(share, **mesh):
     spec = replace(spec, plan=replace(spec.plan, steps=32))
     sim = integrator.space.simulation(spec.config)
     sim.begin(spec.plan)
-    assert sim.advance().completed
+    assert sim.run_plan().completed
     return runner.perturbed(spec, sim, None, None)
 
 

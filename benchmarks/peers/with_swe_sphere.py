@@ -31,7 +31,7 @@ class Model:
 
     def run(self, state: Simulation, steps: int) -> Simulation:
         """Take all steps, with the checks of every run."""
-        state.advance()
+        state.run_plan()
         return state
 
     def surface(self, state: Simulation) -> np.ndarray:

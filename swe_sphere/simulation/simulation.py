@@ -344,7 +344,7 @@ class Simulation(NotCopyable):
     def fit_step(self) -> None:
         """Build a new stepper if the plan states another length for the next step."""
         old, dt, cycle = self.stepper, self.plan.length(self.steps), self.plan.cycle
-        if (old.dt, old.together) == (dt, cycle):
+        if (old.dt, old.cycle) == (dt, cycle):
             return
         steps, now, spent = self.steps, self.time, self.counts()
         spent["wall_seconds"] -= self.wall_seconds
@@ -404,7 +404,7 @@ class Simulation(NotCopyable):
         stepper, plan = self.stepper, replace(self.plan, lead_dt=0.0, tail_steps=0)
         if self.config.dt != "auto" and stepper.dt != plan.dt:
             return replace(plan, lead_steps=self.steps, origin=self.time)
-        plan = replace(plan, dt=stepper.dt, cycle=stepper.together)
+        plan = replace(plan, dt=stepper.dt, cycle=stepper.cycle)
         return replace(plan, lead_steps=self._earlier_steps, origin=stepper.origin)
 
     @property
@@ -435,7 +435,7 @@ class Simulation(NotCopyable):
             self.stable_dt()
 
     @exclusive
-    def advance(
+    def run_plan(
         self, observers: Sequence[Observer] = (), time_limit: float | None = None,
         interruption: Interruption | None = None, since: float | None = None,
     ) -> Summary:  # fmt: skip
@@ -557,7 +557,7 @@ class Simulation(NotCopyable):
                 self._ended_by(error)
             refused.pop_all()
         if files is not None:
-            self.advance([*files, *observers], config.time_limit, since=since)
+            self.run_plan([*files, *observers], config.time_limit, since=since)
             LOGGER.debug("%r ends: %s", self, self.outcome.reason or self.outcome.status)
             if self.signal_number is not None and raises:
                 signal.raise_signal(self.signal_number)

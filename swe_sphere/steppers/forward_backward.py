@@ -217,7 +217,7 @@ class ForwardBackward(DepthThenWind):
     diffusion_steps = 1
     diffusion_order = 1
     repeats_from: ClassVar[int] = 2
-    at_once = 2
+    fused_steps = 2
     waves: ClassVar[Triple] = (1 / 5, 1 / 3, 3 / 20)
     """The wind, mass and gamma of `level_weights`."""
     strong: ClassVar[Triple] = (1 / 5, 1 / 5, 1 / 5)

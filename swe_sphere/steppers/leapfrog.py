@@ -30,7 +30,7 @@ class Leapfrog(Stepper):
     diffusion_steps = 2
     holds_damping = True
     repeats_from = 1
-    at_once = 2
+    fused_steps = 2
     reach = 2.0
 
     default_strength: ClassVar[float] = 0.1

@@ -65,7 +65,7 @@ class Trajectory(NotCopyable):
     """Solver of the equations in a step; None if there are none."""
     can_give_up: bool = False
     """True if steps are long and call `check_stop`, so that a step may be interrupted."""
-    together: int = 1
+    cycle: int = 1
     """Number of steps that `step` takes."""
 
     def __init__(self, model: Model, dt: float) -> None:
@@ -98,7 +98,7 @@ class Trajectory(NotCopyable):
         self.start(earlier.state, t)
 
     def step(self) -> None:
-        """Advance `state` by `together` steps."""
+        """Advance `state` by `cycle` steps."""
         raise NotImplementedError
 
     def take(self, most: int) -> None:
@@ -189,7 +189,7 @@ class Stepper(Trajectory, ABC):
     repeats_from: ClassVar[int | None] = None
     """Number of the step from which `advance` launches only the same kernels on arrays that `swap`
     exchanges, so that it can be recorded; None: never. Another `advance` does not inherit it."""
-    at_once: ClassVar[int] = 1
+    fused_steps: ClassVar[int] = 1
     """Number of steps launched as a whole on large meshes, see `operators/strips.py`."""
     safety: ClassVar[float] = 0.85
     """Fraction of the stability limit that an automatic step uses: winds grow during a run."""
@@ -295,20 +295,20 @@ class Stepper(Trajectory, ABC):
         self.steps += 1
 
     def take(self, most: int) -> None:
-        following = range(self.steps, self.steps + self.at_once)
+        following = range(self.steps, self.steps + self.fused_steps)
         repeats = type(self._replay) is Replay and self.steps >= (self.repeats_from or 0)
         alone = self._apart is None and self.model.limiter is None
         alone = alone and not any(map(self._is_penalised, following))
         is_cut = self.model.device_mesh.strips is not None
-        if not (repeats and alone and is_cut and 1 < self.at_once <= most):
+        if not (repeats and alone and is_cut and 1 < self.fused_steps <= most):
             self.step()
             return
         assert self._replay is not None
-        swaps = iter(range(self.at_once))
-        self._replay((self.state.ptr, self.at_once), self._advance_all, swaps)
+        swaps = iter(range(self.fused_steps))
+        self._replay((self.state.ptr, self.fused_steps), self._advance_all, swaps)
         for _ in swaps:
             self.swap()
-        self.steps += self.at_once
+        self.steps += self.fused_steps
 
     def _advance_all(self, swaps: Iterator[int]) -> None:
         """Take a step for each of the swaps, which are consumed."""

@@ -97,24 +97,24 @@ def tracer_limit(model: Model) -> float:
 
 
 class TracerSteps(Trajectory, ABC):
-    """Takes `every` steps of `dt` at once, and one step of tracers over all of them.
+    """Takes `cycle` steps of `dt` at once, and one step of tracers over all of them.
 
     Its state is complete, and observed, only after all of them. The order is two at most.
     Diffusion of tracers is separate, like that of the flow.
     """
 
-    def __init__(self, model: Model, kind: type[Stepper], dt: float, every: int) -> None:
+    def __init__(self, model: Model, kind: type[Stepper], dt: float, cycle: int) -> None:
         """Create the steps; `kind` is the class of the flow's stepper, with steps of dt [s]."""
         super().__init__(model.inviscid, dt)
         self.name, self.order = kind.name, min(2, kind.order)  # type: ignore[misc]
-        self.together, self._length = every, every * dt
+        self.cycle, self._length = cycle, cycle * dt
         self.can_give_up = is_large(model)
         self.diffusion = Diffusion(model, self._length) if model.diffusive else None
         self._rate, self._size = TransportRate(model), model.device_mesh.size
         self.counters["tracer_stages"] = 0
 
     def step(self) -> None:
-        diffuses_first = self.steps // self.together % 2 == 1
+        diffuses_first = self.steps // self.cycle % 2 == 1
         if self.diffusion and diffuses_first:
             self.diffusion.act(self.state)
         self._move()
@@ -123,7 +123,7 @@ class TracerSteps(Trajectory, ABC):
         self._finish()
         if self.model.limiter is not None:
             self.model.limiter(self.state)
-        self.steps += self.together
+        self.steps += self.cycle
 
     @abstractmethod
     def _move(self) -> None:
@@ -147,7 +147,7 @@ class CarriedTracers(TracerSteps):
     Raises ConfigError for a stepper that does not name the states in its memory.
     """
 
-    def __init__(self, model: Model, scheme: Stepper, every: int) -> None:
+    def __init__(self, model: Model, scheme: Stepper, cycle: int) -> None:
         scheme.check_names()
         arrays, shape = scheme.arrays().items(), scheme.state.shape
         others = [k for k, array in arrays if k != "state" and array.shape[-1:] == shape]
@@ -156,7 +156,7 @@ class CarriedTracers(TracerSteps):
                 f"tracer-steps: {scheme.name} keeps {', '.join(others)} between steps:"
                 " its `levels` must name the states of earlier times among them"
             )
-        super().__init__(model, type(scheme), scheme.dt, every)
+        super().__init__(model, type(scheme), scheme.dt, cycle)
         self.scheme, tracers, n, first = scheme, model.tracers, self._size, model.fluid_size
         assert tracers is not None
         self._depth, self._crossed = slice(first - n, first), slice(first, first + 2 * n)
@@ -179,7 +179,7 @@ class CarriedTracers(TracerSteps):
         for name in (scheme.levels or ("state",))[::-1]:  # the present one becomes zero last
             past = getattr(scheme, name)[self._crossed]
             combine(past, now, -1.0, out=past)
-        for _ in range(self.together):
+        for _ in range(self.cycle):
             check_stop()
             scheme.step()
         combine(self._nothing, scheme.state[self._crossed], 1.0 / self._length, out=self._flux)
@@ -219,8 +219,8 @@ class CarriedWithDepth(TracerSteps):
     No separate flow then requires shorter steps.
     """
 
-    def __init__(self, model: Model, kind: type[Stepper], dt: float, every: int) -> None:
-        super().__init__(model, kind, dt, every)
+    def __init__(self, model: Model, kind: type[Stepper], dt: float, cycle: int) -> None:
+        super().__init__(model, kind, dt, cycle)
         mesh, masses = model.device_mesh, len(model.names)
         self._steps = MassSteps(mesh, model.size, 0, masses)
         self._ones = mesh.upload(np.ones(mesh.size))

@@ -47,11 +47,11 @@ def stepped(
     sim: Simulation, observers: Sequence[Observer] = (), time_limit: float | None = None,
     interruption: Interruption | None = None,
 ) -> Summary:  # fmt: skip
-    """Step a simulation to its end, as its `advance` does; any error of a step ends it too.
+    """Step a simulation to its end, as its `run_plan` does; any error of a step ends it too.
 
     Raises Interrupted if the user asked to stop.
     """
-    outcome = attempt(lambda: sim.advance(observers, time_limit, interruption))
+    outcome = attempt(lambda: sim.run_plan(observers, time_limit, interruption))
     if outcome.status == "interrupted":
         raise Interrupted(outcome.reason)
     return Summary(outcome.status, in_one_line(outcome.reason or ""))
