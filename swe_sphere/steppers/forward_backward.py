@@ -48,7 +48,7 @@ class Passes:
         point = pointwise_terms(model.scene, "conservative", model.parameters)
         self._moves, self._first = not terms.passive, terms.unknowns - 1
         self._flux = model.carried if isinstance(model.carried, MassFlux) else None
-        self._masses = 1 if self._flux else len(model.names) - self._first
+        self._mass_fields = 1 if self._flux else len(model.names) - self._first
         self.carried, self.pushed, self._loss, self._crossing = (model.zeros() for _ in range(4))
         self._base: wp.array | None = model.parameters.get("base")
         self._shift = self._loss if self._base is None else self._base
@@ -70,7 +70,7 @@ class Passes:
         """Arguments of the kernels that step the nodes which the elements left out."""
         stepped = {"point": pointwise_sum(terms.unknowns, point), "steps": True} if direct else {}
         types = mesh.types()
-        self._local_depth = mesh.scratch(self._masses, types.value)
+        self._local_depth = mesh.scratch(self._mass_fields, types.value)
         self._local_wind = mesh.scratch(2, types.value)
         self._transport = None
         if direct:
@@ -97,17 +97,17 @@ class Passes:
             self._model.dissipative_tendency(state, self._loss)
 
     def step_depth(
-        self, t: float, tau: float, levels: Levels, out: wp.array, flows: Any, mixes: Any
+        self, t: float, tau: float, levels: Levels, out: wp.array, masses: Any, depths: Any
     ) -> None:
         """Set out = now + tau (rate of depth and tracers at `carried` and time t [s]).
 
-        levels: now, past; flows: weights of (out, now, past) in the masses of `carried`; mixes: the
-        weights in the depth of `pushed`.
+        levels: now, past; masses, depths: weights of (out, now, past) in the masses of `carried`
+        and in the depth of `pushed`.
         """
         model, mesh, size = self._model, self._mesh, self._mesh.size
         model.counters["rhs_evaluations"] += 1
         model.set_time(t)
-        step = self._step_of(tau, levels, out, flows, mixes)
+        step = self._step_of(tau, levels, out, masses, depths)
         if self._flux is not None:  # before the elements change `carried`
             self._flux.carry(self.pushed, self.carried, self._crossing)
             of_now, rate, of_out = (x[self._flux.first :] for x in (levels[0], self._crossing, out))
@@ -116,23 +116,23 @@ class Passes:
             wind = model.parameters.get("wind", self.pushed) if self._base is None else self._base
             local = self._local_depth
             mesh.sweep(
-                local, self._transport, mesh.threads(self._masses), self._geometry, wind,
-                self.carried, self._first * size, self._masses, local.values,
+                local, self._transport, mesh.threads(self._mass_fields), self._geometry, wind,
+                self.carried, self._first * size, self._mass_fields, local.values,
                 step if self._direct else out,
             )  # fmt: skip
         self._sum_depth(
-            self._node_geometry, mesh.places(self._masses), mesh.lanes, self._masses,
+            self._node_geometry, mesh.places(self._mass_fields), mesh.lanes, self._mass_fields,
             self._local_depth.flat, step,
         )  # fmt: skip
 
-    def step_wind(self, tau: float, levels: Levels, out: wp.array, turns: Any) -> None:
+    def step_wind(self, tau: float, levels: Levels, out: wp.array, winds: Any) -> None:
         """Set out = now + tau (rate of the wind at `pushed`), at the time of the last depth step.
 
-        levels: now, past; turns: weights of (out, now, past) in the winds of `pushed`.
+        levels: now, past; winds: weights of (out, now, past) in the winds of `pushed`.
         """
         if not self._moves:
             return
-        mesh, step = self._mesh, self._step_of(tau, levels, out, turns, turns)
+        mesh, step = self._mesh, self._step_of(tau, levels, out, winds, winds)
         if self._force is not None:
             done = step if self._direct else out
             inputs = self._force_geometry, self.pushed, self._local_wind.values, done
@@ -180,14 +180,14 @@ class DepthThenWind(FlowLimitStepper):
     """
 
     holds_damping = True
-    _winds: Any
+    _wind_weights: Any
     """Weights of the levels in the winds of `pushed`."""
 
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)
         self._passes = Passes(self.model)
         self._altered = self.diffusion is not None or self.model.limiter is not None
-        self.wind_changed = lambda change: self._passes.follow(change, self._winds)
+        self.wind_changed = lambda change: self._passes.follow(change, self._wind_weights)
 
 
 def level_weights(wind: float, mass: float, gamma: float) -> tuple[Triple, Triple, Triple]:
@@ -231,7 +231,8 @@ class ForwardBackward(DepthThenWind):
         self.carried, self.pushed = self._passes.carried, self._passes.pushed
         self._starter = RK4(model.unpenalised(), dt)
         rows = level_weights(*self.weights_in(wind_share(model, model.initial_state())))
-        self._winds, self._masses, self._depth = (self._passes.weights(*row) for row in rows)
+        weights = [self._passes.weights(*row) for row in rows]
+        self._wind_weights, self._mass_weights, self._depth_weights = weights
 
     @classmethod
     def weights_in(cls, share: float) -> Triple:
@@ -257,8 +258,9 @@ class ForwardBackward(DepthThenWind):
             self._extrapolate()
             new = self.older
         passes.damp(now)
-        passes.step_depth(self.time + 0.5 * dt, dt, (now, past), new, self._masses, self._depth)
-        passes.step_wind(dt, (now, past), new, self._winds)
+        weights = self._mass_weights, self._depth_weights
+        passes.step_depth(self.time + 0.5 * dt, dt, (now, past), new, *weights)
+        passes.step_wind(dt, (now, past), new, self._wind_weights)
         if self.diffusion is not None:
             self.diffusion.act(new)
 
@@ -271,7 +273,8 @@ class ForwardBackward(DepthThenWind):
             self.state, self.previous = self.previous, self.state
 
     def _extrapolate(self) -> None:
-        self._passes.prepare((self.state, self.previous, self.older), self._masses, self._winds)
+        levels = self.state, self.previous, self.older
+        self._passes.prepare(levels, self._mass_weights, self._wind_weights)
 
     @classmethod
     def propagator(cls, share: float, wave: Complex, wind: Complex, loss: Complex) -> Complex:
@@ -299,8 +302,8 @@ class ForwardBackwardRK3(DepthThenWind):
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)
         self._stage = model.zeros()
-        self._last = self._winds = self._passes.weights(1.0, 0.0, 0.0)
-        self._mixes = [self._passes.weights(*row) for row in self._rows()]
+        self._last = self._wind_weights = self._passes.weights(1.0, 0.0, 0.0)
+        self._depth_weights = [self._passes.weights(*row) for row in self._rows()]
 
     @classmethod
     def _rows(cls) -> tuple[Triple, Triple, Triple]:
@@ -326,9 +329,9 @@ class ForwardBackwardRK3(DepthThenWind):
             self._prepare()
         passes.damp(now)
         offset = 0.0
-        for fraction, mixes in zip(self.fractions, self._mixes, strict=True):
+        for fraction, depths in zip(self.fractions, self._depth_weights, strict=True):
             tau, t = fraction * self.dt, self.time + offset * self.dt
-            passes.step_depth(t, tau, (now, new), new, self._last, mixes)
+            passes.step_depth(t, tau, (now, new), new, self._last, depths)
             passes.step_wind(tau, (now, new), new, self._last)
             offset = fraction
 
