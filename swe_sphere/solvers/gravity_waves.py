@@ -77,13 +77,13 @@ def explicit_spectrum(model: Model, state: wp.array, t: float = 0.0) -> Spectrum
         linear, image = wave_operator(model, state_of_rest(model)), model.zeros(model.fluid_size)
         tendency = model.right_hand_side("conservative", fluid_only=True, counted=False)
 
-        def rest(x: wp.array, out: wp.array) -> None:
+        def remainder(x: wp.array, out: wp.array) -> None:
             """Set out = (F - L) x for wind and depth."""
             tendency(x, t, out)
             linear(x, image)
             model.launch.combine(out, image, -1.0, out=out)
 
-        wave = max(wave, spectral_radius(model, state, rest))
+        wave = max(wave, spectral_radius(model, state, remainder))
     return Spectrum(wave, model.dissipation_radius(state))
 
 

@@ -45,11 +45,12 @@ def largest_step(
     def excess(dt: float) -> float:
         return float(growth(dt * z_wave, dt * z_dissipation).max()) - 1.0
 
+    if excess(SHORT / (wave + dissipation)) <= tolerance:
+        growth_time = math.inf
+
     def stable(dt: float) -> bool:
         return excess(dt) <= max(tolerance, dt / growth_time)
 
-    if excess(SHORT / (wave + dissipation)) <= tolerance:
-        growth_time = math.inf
     tried = reach / (wave + dissipation) * np.linspace(0.0, 1.0, looks + 1)
     first = next((i for i in range(1, looks) if not stable(tried[i])), looks)
     low, high = tried[first - 1], tried[first]
@@ -96,10 +97,10 @@ def check_order(
     """
     b, branches = np.array(cls.b if weights is None else weights), list[_Branch]()
     declared = order or cls.order
-    for order in range(1, max(1, min(declared, 5)) + 1):
+    for nodes in range(1, max(1, min(declared, 5)) + 1):
         grown = list[_Branch]()
-        for forest in _forests(branches, order - 1):
-            density = order * math.prod(branch.density for branch in forest)
+        for forest in _forests(branches, nodes - 1):
+            density = nodes * math.prod(branch.density for branch in forest)
             phi = math.prod((branch.phi for branch in forest), start=np.ones(b.size))
             powers = Counter(branch.text for branch in forest).items()
             text = " ".join(name if n == 1 else f"{name}^{n}" for name, n in powers)
@@ -111,7 +112,7 @@ def check_order(
                     f" {right}, which its coefficients miss by {residual:.3g}"
                 )
             name = {"": "c", "c": "A c"}.get(text, f"A({text})")
-            grown += [_Branch(order, density, name, a @ phi) for a in matrices]
+            grown += [_Branch(nodes, density, name, a @ phi) for a in matrices]
         branches += grown
 
 
