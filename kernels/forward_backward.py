@@ -38,12 +38,12 @@ def _finish_mass(
         rate = mul(load(geo.inverse_area, node), r[0])
         at = (first + k) * geo.size + node
         if k == 0:
-            rate += of_depth(geo.point, node, geo.size, s.pushed, s.carried)[0]
+            rate += of_depth(geo.point, node, geo.size, s.wind_mix, s.mass_mix)[0]
         if wp.static(damped):
             rate += load(s.loss, at)
         if wp.static(first > 0) and k == 0:  # before `out`, which may overwrite a level
-            step(s.now, s.past, at, rate, s.tau, s.mixes, s.base, s.pushed, s.pushed)
-        step(s.now, s.past, at, rate, s.tau, s.weights, s.base, s.out, s.carried)
+            step(s.now, s.past, at, rate, s.tau, s.depth_weights, s.base, s.wind_mix, s.wind_mix)
+        step(s.now, s.past, at, rate, s.tau, s.weights, s.base, s.out, s.mass_mix)
 
     return finish
 
@@ -51,22 +51,22 @@ def _finish_mass(
 def _finish_wind(geometry: Any, point: Any, damped: bool, shifted: bool = False) -> Finish:
     """Return the function that steps both winds; the arguments are those of `_finish_mass`.
 
-    If `shifted`, `carried` then holds the combinations of the winds too.
+    If `shifted`, `mass_mix` then holds the combinations of the winds too.
     """
     of_wind, step = point.wind, step_of(shifted)
 
     @func
     def finish(geo: geometry, x: vector, r: pair, k: int, node: int, s: levels):
         scale = load(geo.inverse_area, node)
-        more = of_wind(geo.point, node, geo.size, s.pushed, s.pushed)
+        more = of_wind(geo.point, node, geo.size, s.wind_mix, s.wind_mix)
         for i in range(2):
             at = i * geo.size + node
             rate = mul(scale, r[i]) + more[i]
             if wp.static(damped):
                 rate += load(s.loss, at)
             if wp.static(shifted):
-                step(s.now, s.past, at, rate, s.tau, s.weights, s.base, s.carried, s.carried)
-            step(s.now, s.past, at, rate, s.tau, s.weights, s.base, s.out, s.pushed)
+                step(s.now, s.past, at, rate, s.tau, s.weights, s.base, s.mass_mix, s.mass_mix)
+            step(s.now, s.past, at, rate, s.tau, s.weights, s.base, s.out, s.wind_mix)
 
     return finish
 
@@ -92,9 +92,9 @@ def run_kernels(unknowns: int, point: Pointwise, damped: bool) -> tuple[Any, Any
     """Return two kernels that assemble and step runs of nodes, and the `Name` of their geometry.
 
     The first kernel steps depth and tracers: from the node `begin` on, out = now + tau (rate +
-    loss) in `count` blocks, with the rates of the pointwise terms at the masses `carried` and the
-    wind of `pushed`; then it stores the combinations of `levels_struct`. The second kernel steps
-    both winds, with the rates at `pushed`. `loss` is read only if `damped`. If `point` is a
+    loss) in `count` blocks, with the rates of the pointwise terms at the masses `mass_mix` and the
+    wind of `wind_mix`; then it stores the combinations of `levels_struct`. The second kernel steps
+    both winds, with the rates at `wind_mix`. `loss` is read only if `damped`. If `point` is a
     tangent, all combinations are shifted by `base`.
     """
     added, shifted = pointwise_sum(unknowns, point), point.tangent
@@ -116,7 +116,7 @@ def run_kernels(unknowns: int, point: Pointwise, damped: bool) -> tuple[Any, Any
         for k in range(count):
             r = single()
             r[0] = gather(local, places, node, k * stride)
-            mass(geo, s.carried, r, k, node, s)
+            mass(geo, s.mass_mix, r, k, node, s)
 
     @kernel
     def wind(begin: int, geo: geometry, places: Places, stride: int, local: vector, s: levels):
@@ -124,7 +124,7 @@ def run_kernels(unknowns: int, point: Pointwise, damped: bool) -> tuple[Any, Any
         r = pair()
         r[0] = gather(local, places, node, 0)
         r[1] = gather(local, places, node, stride)
-        finish(geo, s.pushed, r, 0, node, s)
+        finish(geo, s.wind_mix, r, 0, node, s)
 
     return depth, wind, geometry
 

@@ -232,7 +232,7 @@ def test_a_right_hand_side_is_two_frames_above_its_launches(small_mesh, scene, l
 
 def test_models_of_fewer_effects_share_arrays_and_counters(small_mesh) -> None:
     model = Model(small_mesh, make_scene(*FULL))
-    for other in (model.inviscid, model.carrier, model.carrier.inviscid):
+    for other in (model.inviscid, model.flux_model, model.flux_model.inviscid):
         assert other.parameters is model.parameters and other.counters is model.counters
         assert other.scratch("laplacian") is model.scratch("laplacian")
         out, before = other.zeros(), model.counters["rhs_evaluations"]

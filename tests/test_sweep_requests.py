@@ -194,7 +194,7 @@ def test_a_run_without_memory_is_tried_again(tmp_path, monkeypatch):
         raise MemoryError("no memory")
 
     with monkeypatch.context() as change:
-        change.setattr("swe_sphere.simulation.simulation.Simulation.advance", full)
+        change.setattr("swe_sphere.simulation.simulation.Simulation.run_plan", full)
         sweep("lauter", "rk4", out=tmp_path, **TINY)
     found = sweep("lauter", "rk4", out=tmp_path, **TINY)
     assert (found.status.values == "completed").all()

@@ -63,7 +63,7 @@ def rough_hill(mesh):
 def carried(model, name, dt, every, cycles, state=None):
     """A stepper after so many of its long steps."""
     if model.scene.wind is None:
-        stepper = CarriedTracers(model, STEPPERS[name](model.carrier, dt), every)
+        stepper = CarriedTracers(model, STEPPERS[name](model.flux_model, dt), every)
     else:
         stepper = CarriedWithDepth(model, STEPPERS[name], dt, every)
     stepper.start(model.initial_state() if state is None else state)
@@ -127,7 +127,7 @@ def test_a_step_that_would_never_end_is_refused_in_a_line(reach):
 
 
 def test_a_flow_that_blows_up_ends_the_run(hill):
-    stepper = CarriedTracers(hill, STEPPERS["rk4"](hill.carrier, 9000.0), 2)
+    stepper = CarriedTracers(hill, STEPPERS["rk4"](hill.flux_model, 9000.0), 2)
     stepper.start(hill.initial_state())
     with pytest.raises(Unstable), np.errstate(all="ignore"):
         for _ in range(300):
@@ -240,7 +240,7 @@ def test_of_second_order_in_the_step_of_the_tracers(mesh, scene):
 def test_restart_is_exact(hill, name):
     whole = carried(hill, name, 900.0, 3, 4)
     part = carried(hill, name, 900.0, 3, 2)
-    again = CarriedTracers(hill, STEPPERS[name](hill.carrier, 900.0), 3)
+    again = CarriedTracers(hill, STEPPERS[name](hill.flux_model, 900.0), 3)
     again.load_state_dict(part.state_dict(), part.steps)
     for _ in range(2):
         again.step()
@@ -304,7 +304,7 @@ def test_a_stepper_has_to_say_which_states_it_remembers(hill):
 
     carried(hill, "leapfrog", 600.0, 2, 0)
     with pytest.raises(ConfigError, match="leapfrog keeps previous between steps: its `levels`"):
-        CarriedTracers(hill, Untold(hill.carrier, 600.0), 2)
+        CarriedTracers(hill, Untold(hill.flux_model, 600.0), 2)
 
 
 def test_scenes_without_tracers_take_none_of_it():

@@ -35,14 +35,14 @@ def levels_struct(real: Any) -> Any:
     """Return the Warp structure of a forward-backward pass: all arrays but the rates.
 
     Vectors of all unknowns: the levels `now` and `past`, the `loss` and the `base`, the result
-    `out`, which may be any of the levels, and the combinations `carried` and `pushed` that the
+    `out`, which may be any of the levels, and the combinations `mass_mix` and `wind_mix` that the
     elements differentiate next. Numbers: `tau` [s]; `weights`, of (out, now, past) in the masses of
-    `carried` or the winds of `pushed`; `mixes`, the weights in the depth of `pushed`.
+    `mass_mix` or the winds of `wind_mix`; `depth_weights`, the weights in the depth of `wind_mix`.
     """
-    names = "now", "past", "loss", "base", "out", "carried", "pushed"
+    names = "now", "past", "loss", "base", "out", "mass_mix", "wind_mix"
     triple = wp.types.vector(3, real)
     members = dict.fromkeys(names, wp.array(dtype=real))
-    return struct_of("Levels", members | {"tau": real, "weights": triple, "mixes": triple})
+    return struct_of("Levels", members | {"tau": real, "weights": triple, "depth_weights": triple})
 
 
 stage: Any = Name(lambda of: stage_struct(of.real))

@@ -50,9 +50,9 @@ class Model(DiscreteScene):
         shape: str | None = None, comm: Communicator | None = None,
     ) -> None:  # fmt: skip
         super().__init__(mesh, scene, device, precision, shape, comm or Communicator())
-        self._carry(flux=False)
+        self._append_carried(flux=False)
 
-    def _carry(self, flux: bool) -> None:
+    def _append_carried(self, flux: bool) -> None:
         """Add tracers to states after wind and depth, or the mass flux that carries them."""
         self.tracers: TracerEquations | None = None
         self.carried: TracerEquations | MassFlux | None = None
@@ -118,7 +118,7 @@ class Model(DiscreteScene):
         return self._alike(scene, isinstance(self.carried, MassFlux), held)
 
     @cached_property
-    def carrier(self) -> "Model":
+    def flux_model(self) -> "Model":
         """The model with the mass flux in place of tracers; it shares all other arrays."""
         return self._alike(self.scene, True, self.held)
 
@@ -127,7 +127,7 @@ class Model(DiscreteScene):
         other, computed = Model.__new__(Model), vars(Model)
         kept = {k: x for k, x in vars(self).items() if k not in computed}
         vars(other).update(kept, held=held, scene=scene)
-        other._carry(carries_flux)
+        other._append_carried(carries_flux)
         return other
 
     def zeros(self, size: int | None = None) -> wp.array:

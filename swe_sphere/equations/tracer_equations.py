@@ -62,7 +62,7 @@ class TracerEquations:
         else:
             wind = self._wind
             operations = [
-                Operation(lambda x, out: self.carry(x if wind is None else wind, x, out, stage))
+                Operation(lambda x, out: self.transport(x if wind is None else wind, x, out, stage))
             ]
         if self._diffusion is None or component == "conservative":
             return operations
@@ -72,7 +72,7 @@ class TracerEquations:
             )
         return operations + self._diffusion.operations(base if component == "tangent" else None)
 
-    def carry(self, wind: wp.array, x: wp.array, out: wp.array, stage: Any = None) -> None:
+    def transport(self, wind: wp.array, x: wp.array, out: wp.array, stage: Any = None) -> None:
         """Write to `out` the transport of the masses in x: rates, or a stage; wind: (2N, ...)."""
         self._transport(wind, x, self.first, out, self.first, stage)
 
@@ -159,9 +159,9 @@ class MassFlux:
             raise NotImplementedError("the mass flux has no tangent")
         if component not in TRANSPORT:
             return [Operation(lambda x, out: out[self.first :].zero_())]
-        return [Operation(lambda x, out: self.carry(x, x, out, stage))]
+        return [Operation(lambda x, out: self.transport(x, x, out, stage))]
 
-    def carry(self, wind: wp.array, x: wp.array, out: wp.array, stage: Any = None) -> None:
+    def transport(self, wind: wp.array, x: wp.array, out: wp.array, stage: Any = None) -> None:
         """Set G of `out` to h V, or to a stage; V is the first 2N values of `wind`, h that of x."""
         size, stage = self._size, self._rate if stage is None else stage
         self._launch(self._kernel, size, wind, x, self._depth, size, self.first, stage, out)

@@ -334,7 +334,7 @@ class Simulation(NotCopyable):
             if self.config.adaptive is not None:
                 stepper = AdaptiveSteps(single, self.config.adaptive)
         elif self.scene.wind is None:
-            stepper = CarriedTracers(model, self.kind(model.carrier, dt, **options), cycle)
+            stepper = CarriedTracers(model, self.kind(model.flux_model, dt, **options), cycle)
         else:
             stepper = CarriedWithDepth(model, self.kind, dt, cycle)
         self._stepper, self._snapshot = stepper, None

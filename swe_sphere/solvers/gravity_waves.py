@@ -113,7 +113,7 @@ class TracerWaves:
         """Store `rest`, wind and depth without motion, with the reference depth H [m]."""
         mesh, count, n = model.device_mesh, tracers.count, model.device_mesh.size
         self._rest, self._depth, self._first = rest, tracers.depth, tracers.first
-        self._launch, (self._carry,) = model.launch, model.launch.compile(mesh.real, mass_flux)
+        self._launch, (self._mass_flux,) = model.launch, model.launch.compile(mesh.real, mass_flux)
         self._flow = mesh.upload(np.zeros(2 * n))
         self._ratio = tracers.mixing_ratio()
         self._transport = TracerTransport(mesh, count)
@@ -143,7 +143,7 @@ class TracerWaves:
     def _carry_rest(self, d: wp.array) -> None:
         """Set flow = H V."""
         n = self._ones.size
-        self._launch(self._carry, n, d, self._rest, self._depth, n, 0, self._rate, self._flow)
+        self._launch(self._mass_flux, n, d, self._rest, self._depth, n, 0, self._rate, self._flow)
 
 
 class FluxWaves:
@@ -155,7 +155,7 @@ class FluxWaves:
 
     def apply(self, d: wp.array, out: wp.array) -> None:
         """Set out_G = L_G d."""
-        self._flux.carry(d, self._rest, out)
+        self._flux.transport(d, self._rest, out)
 
     def solve(self, tau: float, r: wp.array, x: wp.array) -> None:
         """Set x_G = r_G + tau L_G x."""

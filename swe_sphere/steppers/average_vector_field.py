@@ -59,7 +59,7 @@ class PoissonTendency:
         if (tracers := model.tracers) is not None:
             first, last = first[tracers.first :], last[tracers.first :]
             model.launch.combine(last, last, -0.5, first, 0.5, out=self._masses)
-            tracers.carry(self._base, self._mean, out)
+            tracers.transport(self._base, self._mean, out)
 
 
 class AverageProblem(StageProblem):

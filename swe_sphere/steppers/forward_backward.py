@@ -35,7 +35,7 @@ class Passes:
     """Steps depth and tracers, or the wind, by explicit Euler steps, while the other is held.
 
     The equations are evaluated at combinations of time levels, which each pass stores for later
-    passes: `carried` holds the masses, and `pushed` the wind that transports and rotates them,
+    passes: `mass_mix` holds the masses, and `wind_mix` the wind that transports and rotates them,
     with the depth whose gradient accelerates this wind. Both have the size of a state; in
     linearised dynamics they are differences from the base. A prescribed wind is not stepped. If the
     model accumulates a mass flux, it is the flux that steps the depth.
@@ -49,7 +49,7 @@ class Passes:
         self._moves, self._first = not terms.passive, terms.unknowns - 1
         self._flux = model.carried if isinstance(model.carried, MassFlux) else None
         self._mass_fields = 1 if self._flux else len(model.names) - self._first
-        self.carried, self.pushed, self._loss, self._crossing = (model.zeros() for _ in range(4))
+        self.mass_mix, self.wind_mix, self._loss, self._crossing = (model.zeros() for _ in range(4))
         self._base: wp.array | None = model.parameters.get("base")
         self._shift = self._loss if self._base is None else self._base
         """The base of linearised dynamics, or otherwise an array that is not read."""
@@ -99,25 +99,25 @@ class Passes:
     def step_depth(
         self, t: float, tau: float, levels: Levels, out: wp.array, masses: Any, depths: Any
     ) -> None:
-        """Set out = now + tau (rate of depth and tracers at `carried` and time t [s]).
+        """Set out = now + tau (rate of depth and tracers at `mass_mix` and time t [s]).
 
-        levels: now, past; masses, depths: weights of (out, now, past) in the masses of `carried`
-        and in the depth of `pushed`.
+        levels: now, past; masses, depths: weights of (out, now, past) in the masses of `mass_mix`
+        and in the depth of `wind_mix`.
         """
         model, mesh, size = self._model, self._mesh, self._mesh.size
         model.counters["rhs_evaluations"] += 1
         model.set_time(t)
         step = self._step_of(tau, levels, out, masses, depths)
-        if self._flux is not None:  # before the elements change `carried`
-            self._flux.carry(self.pushed, self.carried, self._crossing)
+        if self._flux is not None:  # before the elements change `mass_mix`
+            self._flux.transport(self.wind_mix, self.mass_mix, self._crossing)
             of_now, rate, of_out = (x[self._flux.first :] for x in (levels[0], self._crossing, out))
             model.launch.combine(of_now, rate, tau, out=of_out)
         if self._transport is not None:
-            wind = model.parameters.get("wind", self.pushed) if self._base is None else self._base
+            wind = model.parameters.get("wind", self.wind_mix) if self._base is None else self._base
             local = self._local_depth
             mesh.sweep(
                 local, self._transport, mesh.threads(self._mass_fields), self._geometry, wind,
-                self.carried, self._first * size, self._mass_fields, local.values,
+                self.mass_mix, self._first * size, self._mass_fields, local.values,
                 step if self._direct else out,
             )  # fmt: skip
         self._sum_depth(
@@ -126,44 +126,44 @@ class Passes:
         )  # fmt: skip
 
     def step_wind(self, tau: float, levels: Levels, out: wp.array, winds: Any) -> None:
-        """Set out = now + tau (rate of the wind at `pushed`), at the time of the last depth step.
+        """Set out = now + tau (rate of the wind at `wind_mix`), at the time of the last depth step.
 
-        levels: now, past; winds: weights of (out, now, past) in the winds of `pushed`.
+        levels: now, past; winds: weights of (out, now, past) in the winds of `wind_mix`.
         """
         if not self._moves:
             return
         mesh, step = self._mesh, self._step_of(tau, levels, out, winds, winds)
         if self._force is not None:
             done = step if self._direct else out
-            inputs = self._force_geometry, self.pushed, self._local_wind.values, done
+            inputs = self._force_geometry, self.wind_mix, self._local_wind.values, done
             mesh.sweep(self._local_wind, self._force, mesh.threads(), *inputs)
         self._sum_wind(self._node_geometry, mesh.places(2), mesh.lanes, self._local_wind.flat, step)
 
-    def _step_of(self, tau: float, levels: Levels, out: wp.array, weights: Any, mixes: Any) -> Any:
+    def _step_of(self, tau: float, levels: Levels, out: wp.array, weights: Any, depths: Any) -> Any:
         """Return the arguments of kernels of a pass; equal arguments give the same object."""
-        key = (tau, *(x.ptr for x in (*levels, out)), *weights, *mixes)
+        key = (tau, *(x.ptr for x in (*levels, out)), *weights, *depths)
         if key not in self._steps:
             if len(self._steps) >= MOST_CACHED:
                 self._steps.clear()
             now, past = levels
             given = {"now": now, "past": past, "out": out, "tau": tau, "weights": weights}
-            given |= {"mixes": mixes, "carried": self.carried, "pushed": self.pushed}
+            given |= {"depth_weights": depths, "mass_mix": self.mass_mix, "wind_mix": self.wind_mix}
             given |= {"loss": self._loss, "base": self._shift}
             self._steps[key] = filled(levels_struct(self._real), given)
         return self._steps[key]
 
     def prepare(self, levels: Levels, masses: Any, winds: Any) -> None:
-        """Compute `carried` and `pushed` again from (now, past, older) with the given weights."""
+        """Compute both combinations again from (now, past, older) with the given weights."""
         size, moving = self._model.size, self._first * self._mesh.size
-        jobs = [(size - moving, moving, masses, self.carried)]
+        jobs = [(size - moving, moving, masses, self.mass_mix)]
         if self._moves:
-            jobs += [(moving, 0, winds, self.pushed), (moving, 0, winds, self.carried)]
+            jobs += [(moving, 0, winds, self.wind_mix), (moving, 0, winds, self.mass_mix)]
         for count, first, weights, out in jobs:
             self._model.launch(self._combine, count, first, *levels, weights, self._shift, out)
 
     def follow(self, change: wp.array, winds: Any) -> None:
-        """Update `carried` and `pushed` for a change (2N,) of the wind at the present level."""
-        for out in (self.carried, self.pushed):
+        """Update both combinations for a change (2N,) of the wind at the present level."""
+        for out in (self.mass_mix, self.wind_mix):
             self._model.launch.combine(wind := out[: change.size], change, winds[0], out=wind)
 
 
@@ -181,7 +181,7 @@ class DepthThenWind(FlowLimitStepper):
 
     holds_damping = True
     _wind_weights: Any
-    """Weights of the levels in the winds of `pushed`."""
+    """Weights of the levels in the winds of `wind_mix`."""
 
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)
@@ -213,7 +213,7 @@ class ForwardBackward(DepthThenWind):
 
     name, order = "forward-backward", 2
     levels = "state", "previous", "older"
-    memory = *levels, "carried", "pushed"
+    memory = *levels, "mass_mix", "wind_mix"
     diffusion_steps = 1
     diffusion_order = 1
     repeats_from: ClassVar[int] = 2
@@ -228,7 +228,7 @@ class ForwardBackward(DepthThenWind):
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)
         self.previous, self.older = model.zeros(), model.zeros()
-        self.carried, self.pushed = self._passes.carried, self._passes.pushed
+        self.mass_mix, self.wind_mix = self._passes.mass_mix, self._passes.wind_mix
         self._starter = RK4(model.unpenalised(), dt)
         rows = level_weights(*self.weights_in(wind_share(model, model.initial_state())))
         weights = [self._passes.weights(*row) for row in rows]

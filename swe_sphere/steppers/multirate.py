@@ -165,7 +165,7 @@ class FastWaves:
         self.state = model.zeros()
         """State that is stepped: wind and depth, then tracers or mass flux."""
         self._winds, self._depth = 2 * n, self.state[2 * n : 3 * n]
-        types, self._carries = mesh.types(), int(model.carried is not None)
+        types, self._has_carried = mesh.types(), int(model.carried is not None)
         self._transport, self._slope = kernels = [
             field_kernel(types, formula) for formula in (transport(), gradient)
         ]
@@ -180,12 +180,12 @@ class FastWaves:
             self._crossed, self._behind = model.zeros(), slice(3 * n, model.size)
 
     def move(
-        self, rest: wp.array, rate: wp.array, duration: float, steps: int, carrier: wp.array
+        self, rest: wp.array, rate: wp.array, duration: float, steps: int, mass_state: wp.array
     ) -> None:
         """Advance `state` by a duration [s] in `steps` sub-steps.
 
         rest: the state whose depth is H; rate: rate of change of all fields apart from the waves;
-        carrier: the state that holds the masses of tracers.
+        mass_state: the state that holds the masses of tracers.
         """
         tau = duration / steps
         self._kick(rate, 0.5 * tau)
@@ -194,7 +194,7 @@ class FastWaves:
             self._kick(rate, tau if step + 1 < steps else 0.5 * tau)
         if self._model.carried is not None:
             behind, crossed = self._behind, self._crossed
-            self._model.carried.carry(self._path, carrier, crossed)
+            self._model.carried.transport(self._path, mass_state, crossed)
             moved = self.state[behind]
             terms = rate[behind], duration, crossed[behind], 1.0
             self._model.launch.combine(moved, *terms, out=moved)
@@ -207,7 +207,7 @@ class FastWaves:
         )  # fmt: skip
         launch(
             self._drift_kernel, mesh.size, mesh.places(1), mesh.inverse_area, mesh.size,
-            self._divergence.flat, tau, rate, s, self._carries, kept,
+            self._divergence.flat, tau, rate, s, self._has_carried, kept,
             self._path,
         )  # fmt: skip
 

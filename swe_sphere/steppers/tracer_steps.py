@@ -132,7 +132,7 @@ class TracerSteps(Trajectory, ABC):
     def _finish(self) -> None:
         """Copy wind and depth from the flow's own stepper."""
 
-    def _carry(self, steps: MassSteps, flow: wp.array, air: wp.array, tau: float) -> None:
+    def _move_tracers(self, steps: MassSteps, flow: wp.array, air: wp.array, tau: float) -> None:
         """Carry masses of `state` for tau [s] by a flow, which moves with a speed of flow / air."""
         parts, fractions = stages_for(tau * self._rate(flow, air))
         self.counters["tracer_stages"] += parts * len(fractions)
@@ -140,7 +140,7 @@ class TracerSteps(Trajectory, ABC):
 
 
 class CarriedTracers(TracerSteps):
-    """Tracers carried by the time-averaged mass flux of a stepper on `model.carrier`.
+    """Tracers carried by the time-averaged mass flux of a stepper on `model.flux_model`.
 
     q = 1 stays 1 and every tracer keeps its mass. Other changes of the depth (the residual of a
     solver, diffusion in steps of another length) change tracers in proportion, as in `TracerWaves`.
@@ -183,7 +183,7 @@ class CarriedTracers(TracerSteps):
             check_stop()
             scheme.step()
         combine(self._nothing, scheme.state[self._crossed], 1.0 / self._length, out=self._flux)
-        self._carry(self._steps, self._flux, self.state[self._depth], self._length)
+        self._move_tracers(self._steps, self._flux, self.state[self._depth], self._length)
 
     def _finish(self) -> None:
         if self._has_residual:  # tracers follow the residual, and keep their masses
@@ -229,4 +229,4 @@ class CarriedWithDepth(TracerSteps):
         length = self._length / TRACER_PARTS
         for piece in range(TRACER_PARTS):
             self.model.set_time(self.time + (piece + 0.5) * length)
-            self._carry(self._steps, self.model.parameters["wind"], self._ones, length)
+            self._move_tracers(self._steps, self.model.parameters["wind"], self._ones, length)
