@@ -50,7 +50,8 @@ def all_limits() -> Section:
         f"Each cell gives the automatic step and the limit [s], found by bisection to 6 % over"
         f" {DAYS:g} days (float64, no dissipation), with their ratio and the ratio of the step to"
         " the automatic step of rk4. ρ [s⁻¹] is given at the initial state, at the strongest wind"
-        " on that mesh, and as the trial run estimates it. A wind other than the scene's [m/s]"
+        " on that mesh, and as the step assumes it (from the trial run, or 1.25 times the largest"
+        " Coriolis parameter, if that is larger). A wind other than the scene's [m/s]"
         " follows @; a third number of the mesh is its refinement over the mountain.",
         ["scene, mesh", "rk4", *(f"`{name}`" for name in NAMES), "ρ"],
         rows,
