@@ -147,3 +147,13 @@ def test_series_summary_and_plots_have_it(tmp_path):
 def test_a_prescribed_wind_has_none():
     found = Simulation("williamson1", ne=2, np=4).diagnostics
     assert not [name for name in found if "angular" in name]
+
+
+@pytest.mark.parametrize(("ne", "stretch"), [(2, 1.0), (3, 1.0), (3, 3.0)])
+def test_without_a_rotation_in_the_coriolis_parameter_the_axis_is_that_of_the_grid(ne, stretch):
+    """On an f-plane, and for an even parameter, quadrature errors have no direction."""
+    mesh = Mesh.build(ne, 5, stretch=stretch, spin=20.0)
+    zero, h = np.zeros(mesh.size), 5000.0 + 100.0 * np.sin(mesh.lat)
+    for f in (np.full(mesh.size, 1e-4), 1e-4 * np.abs(np.sin(mesh.lat))):
+        found = angular_momentum(mesh, 10.0 * np.cos(mesh.lat), zero, h, f)
+        assert found["axial_angular_momentum"] == found["angular_momentum_z"]

@@ -24,7 +24,7 @@ from swe_sphere.io.checkpoint import read_checkpoint
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import HOUR
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.simulation import run_scene
+from swe_sphere.simulation.simulation import Simulation, run_scene
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS, make_preconditioner
 from swe_sphere.steppers import STEPPERS, get_stepper
 from swe_sphere.steppers.runge_kutta import RK4
@@ -132,6 +132,16 @@ def test_names_of_no_arrays_are_one_line(what: str, names: object, monkeypatch) 
 
 def test_a_class_is_as_good_as_its_name() -> None:
     assert get_stepper(RK4) is RK4 is get_stepper("rk4")
+
+
+def test_the_class_in_a_file_is_as_good_as_the_file(here) -> None:
+    found = get_stepper("low_storage.py")
+    sim = Simulation("lauter", ne=2, np=4, dt=600.0, stepper=found)
+    assert sim.run(days=0.05, out=here / "run.nc").completed
+    assert Simulation.from_checkpoint(here / "run.nc", trust=["low_storage.py"]).kind is found
+    plan = {"ne": 2, "np": 4, "days": 0.05, "dt": 2160.0, "repeats": 1}
+    runs = [sweep("lauter", [which], **plan) for which in (found, "low_storage.py")]
+    assert runs[0].error.equals(runs[1].error)
 
 
 def test_the_same_file_gives_the_same_class_until_it_is_edited(here) -> None:

@@ -132,7 +132,8 @@ def angular_momentum(
     northward = a * h * (v - a * np.einsum("i,in->n", rotation, east))
     total = [area_mean(mesh.area, x) for x in eastward * north - northward * east]
     speed = float(np.linalg.norm(rotation))
-    axis = rotation / speed if speed > 0.0 else (0.0, 0.0, 1.0)
+    # the quadrature error of an f-plane has no direction
+    axis = rotation / speed if speed > 0.01 * np.abs(f).max() else (0.0, 0.0, 1.0)
     axial = float(sum(x * y for x, y in zip(total, axis, strict=True)))
     across = float(np.linalg.norm(np.subtract(total, np.multiply(axial, axis))))
     return dict(zip(MOMENTA, (*total, axial, across), strict=True))

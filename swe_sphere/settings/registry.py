@@ -78,8 +78,8 @@ class Registry(UserDict[str, type[T]]):
 
         The class is not registered by name.
         """
-        contents, before = file_contents(path, self.kind), self.data
-        if path not in self._files or self._files[path][0] != contents:
+        contents, before, place = file_contents(path, self.kind), self.data, path.resolve()
+        if place not in self._files or self._files[place][0] != contents:
             self.data = dict(before)
             try:
                 load_file(path, self.kind)
@@ -91,5 +91,5 @@ class Registry(UserDict[str, type[T]]):
                 raise ConfigError(
                     f"{path} must define one {self.kind}, a class with a name; it has {names}"
                 )
-            self._files[path] = contents, found[0]
-        return self._files[path][1]
+            self._files[place] = contents, found[0]
+        return self._files[place][1]

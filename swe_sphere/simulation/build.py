@@ -22,6 +22,7 @@ from swe_sphere.equations.effects import Effect
 from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.errors import ConfigError, shown
 from swe_sphere.files.durable import clear_errors
+from swe_sphere.files.user_file import file_or_name
 from swe_sphere.io.scalar_fields import evaluate
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.mesh import check_settings
@@ -83,7 +84,7 @@ def read_arguments(
     for what, kind in (("stepper", Stepper), ("preconditioner", Preconditioner)):
         method = values.pop(what, None)
         if isinstance(method, type) and issubclass(method, kind):
-            objects[what], values[what] = method, method.name
+            objects[what], values[what] = method, file_or_name(method)
         elif isinstance(method, str | Path):
             values[what] = str(method)
         elif method is not None:

@@ -18,11 +18,7 @@ from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.diagnostics import (
-    Snapshot,
-    exact_fields,
-    flow_errors,
-)
+from swe_sphere.simulation.diagnostics import Snapshot, exact_fields, flow_errors
 from swe_sphere.simulation.observers import Observer, Ticker
 from swe_sphere.simulation.planning import RunPlan, free_steps
 from swe_sphere.simulation.simulation import Simulation

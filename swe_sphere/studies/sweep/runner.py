@@ -24,13 +24,7 @@ from swe_sphere.io.integrals import DRIFTS, Fields, Norms
 from swe_sphere.io.reference_solution import OnGrid, Reference
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.diagnostics import (
-    DIAGNOSTICS,
-    Snapshot,
-    exact_fields,
-    flow_errors,
-    slow_errors,
-)
+from swe_sphere.simulation import diagnostics
 from swe_sphere.simulation.loop import Interruption
 from swe_sphere.simulation.observers import Observer, Ticker
 from swe_sphere.simulation.simulation import Simulation
@@ -99,7 +93,7 @@ class Snapshots(Observer):
     def due(self, step: int) -> bool:
         return step in self._days
 
-    def observe(self, snapshot: Snapshot) -> None:
+    def observe(self, snapshot: diagnostics.Snapshot) -> None:
         if snapshot.steps in self._days:
             fields = snapshot.all_fields
             self.kept[self._days[snapshot.steps]] = {name: fields[name] for name in KEPT}
@@ -132,7 +126,7 @@ def run_timed(
     })  # fmt: skip
     if ended.completed:
         found = sim.diagnostics
-        own = {name: found[name] for name in (*DRIFTS, *DIAGNOSTICS) if name in found}
+        own = {name: found[name] for name in (*DRIFTS, *diagnostics.DIAGNOSTICS) if name in found}
         ended.numbers.update(own)
     ended.numbers["total_seconds"] = time.perf_counter() - began
     return ended, snapshots.kept
@@ -307,7 +301,8 @@ class Evaluator:
         converged = self.converged(space)
         days, model = [day for day in history if day in converged], space.sim.model
         found = self._total_errors(space, history)
-        for kind, errors in {"time": flow_errors, "slow": slow_errors}.items():
+        by_kind = {"time": diagnostics.flow_errors, "slow": diagnostics.slow_errors}
+        for kind, errors in by_kind.items():
             if kind == "time" or self._study.slow:
                 of_days = {day: errors(model, history[day], converged[day]) for day in days}
                 found += Errors.of(kind, of_days)
@@ -360,8 +355,8 @@ class Evaluator:
         made = {spec: self._runner.make(spec) for spec in (coarse, fine)}
         ours, right = (fields for _, fields in made.values())
         integrator, space = fine.integrator, fine.integrator.space
-        days, kinds = [day for day in ours if day in right], {"time": flow_errors}
-        kinds |= {"slow": slow_errors} if self._study.slow else {}
+        days, kinds = [day for day in ours if day in right], {"time": diagnostics.flow_errors}
+        kinds |= {"slow": diagnostics.slow_errors} if self._study.slow else {}
         apart = {
             kind: {day: errors(space.sim.model, ours[day], right[day]) for day in days}
             for kind, errors in kinds.items()
@@ -409,7 +404,7 @@ class Evaluator:
                 whole = fields | {"b": space.sim.start["b"]}
                 found[day] = right.errors(whole, space.scene.error_field)
             elif right is not None:
-                found[day] = flow_errors(space.sim.model, fields, right)
+                found[day] = diagnostics.flow_errors(space.sim.model, fields, right)
         return Errors.of("total", found)
 
     def _reference(self, space: Discretisation, day: float) -> OnGrid | Fields | None:
@@ -418,6 +413,6 @@ class Evaluator:
             return OnGrid(Reference(path), space.mesh) if path else None
         if space.scene.exact is None:
             return None
-        fields = exact_fields(space.sim.model, day * DAY)
+        fields = diagnostics.exact_fields(space.sim.model, day * DAY)
         # vorticity is computed from the exact wind on the mesh
         return fields | {"vorticity": vorticity(space.mesh, fields["u"], fields["v"])}

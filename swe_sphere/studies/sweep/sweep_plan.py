@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from swe_sphere.equations.scene import MOST_ELEMENTS, Scene
 from swe_sphere.errors import ConfigError, unknown_name
-from swe_sphere.files.user_file import is_custom, is_user_file
+from swe_sphere.files.user_file import file_or_name, is_custom, is_user_file
 from swe_sphere.settings.values import (
     by_field,
     flag_of,
@@ -49,9 +49,9 @@ def stepper_names(value: object) -> tuple[str, ...]:
         if family := [name for name, kind in STEPPERS.items() if kind.family == item]:
             names += family
             continue
-        named = str(item if isinstance(item, str | Path) else getattr(item, "name", item))
-        if not isinstance(item, str | Path) and STEPPERS.get(named) is not item:
-            raise ValueError("must be names, files or classes of steppers")
+        named = str(item) if isinstance(item, str | Path) else file_or_name(item)
+        if not (isinstance(item, str | Path) or is_user_file(named) or STEPPERS.get(named) is item):
+            raise ValueError("must be names, files or classes of steppers, each as last defined")
         names.append(STEPPERS.aliases.get(named, named))
     return tuple(dict.fromkeys(names))  # a stepper may be of a family that is named too
 
