@@ -502,3 +502,45 @@ def test_a_file_does_not_replace_the_diagnostic_of_another_file(tmp_path):
     with pytest.raises(ConfigError, match="another file has a diagnostic 'kk'"):
         small(scene=files[1])
     assert one.run(days=0.25)["kk"] == 3.0
+
+
+# --- states that are changed from outside
+
+
+def change(sim):
+    state = sim.stepper.state.numpy().copy()
+    state[: sim.mesh.size] += np.cos(sim.mesh.lat)
+    sim.stepper.state.assign(state)
+
+
+def test_a_changed_state_is_seen_at_once():
+    sim, found = small(), []
+
+    def changing(sim):
+        if sim.steps == 3:
+            before = sim.state.u.values.copy()
+            change(sim)
+            found.append(np.ptp(sim.state.u.values - before))
+
+    sim.run(days=0.125, callbacks=[changing])
+    before, drift = sim.state.u.values.copy(), sim.summary["energy_drift"]
+    change(sim)
+    found.append(np.ptp(sim.to_xarray().u.values - before))
+    assert found == pytest.approx([1.0, 1.0], abs=0.1)
+    assert sim.summary["energy_drift"] != drift
+
+
+@pytest.mark.parametrize("stepper", ["leapfrog", "semi-implicit", "bdf2", "forward-backward"])
+def test_a_checkpoint_of_a_changed_state_in_a_callback_resumes_bit_for_bit(tmp_path, stepper):
+    path = tmp_path / "changed.restart"
+
+    def changing(sim):
+        if sim.steps == 3:
+            change(sim)
+            sim.checkpoint(path)
+
+    sim = small("williamson2", stepper=stepper, dt=900.0)
+    sim.run(days=0.125, callbacks=[changing])
+    resumed = Simulation.from_checkpoint(path)
+    resumed.run(days=0.125)
+    assert sim.state.h.equals(resumed.state.h) and sim.state.u.equals(resumed.state.u)

@@ -268,3 +268,15 @@ def test_a_file_on_a_grid_is_refused_as_such(made, tmp_path):
     Simulation("williamson6", ne=3, np=5, dt=900.0).run(days=0.0625, outputs=grid)
     with pytest.raises(ConfigError, match="is already on a grid: give the file of a run"):
         Simulation("williamson6", ne=3, np=5, initial=tmp_path / "grid.nc")
+
+
+def test_a_lake_at_rest_stays_at_rest_on_another_mesh_and_over_another_bottom():
+    """The surface of the frame is kept, not its depth over a bottom that is interpolated."""
+    lake = Simulation("lake-at-rest", ne=3, np=5).state
+    other = Simulation("lake-at-rest", ne=4, np=6, initial=lake)
+    level = other.start["h"] + other.start["b"]
+    assert np.ptp(level) < 1e-9 * level.max()
+    assert other.run(days=0.05)["max_wind"] < 1e-9
+    flat = Simulation("williamson2", ne=3, np=5).state
+    over = Simulation("williamson5", ne=3, np=5, initial=flat)
+    assert np.allclose(over.start["h"] + over.start["b"], flat.h, rtol=1e-14)

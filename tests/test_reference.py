@@ -402,3 +402,17 @@ def test_a_reference_of_one_day_has_no_frame_of_another():
     assert reference.frame(5.0 * DAY).keys() == reference.frame().keys()
     with pytest.raises(ConfigError, match="holds no frame at day 6: the last ones are at day 5"):
         reference.frame(6.0 * DAY)
+
+
+def test_the_summary_has_errors_at_the_time_of_the_reference_only(tmp_path):
+    path, small = tmp_path / "day.nc", {"ne": 2, "np": 4, "dt": 1800.0}
+    grid = [Output(path, grid="gaussian:12", every=6.0)]
+    Simulation("williamson6", **small).run(days=0.25, outputs=grid)
+    sim = Simulation("williamson6", reference=path, **small)
+    sim.run(days=0.25)
+    assert 0.0 < sim.summary["l2_h"] < 1e-2
+    sim.step()
+    assert sim.summary["l2_h"] is None
+    Simulation("williamson6", **small).run(days=0.25, out=tmp_path / "run.nc")
+    with pytest.raises(ConfigError, match="regrid the file of a run"):
+        Simulation("williamson6", reference=tmp_path / "run.nc", **small)

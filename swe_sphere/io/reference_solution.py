@@ -75,8 +75,8 @@ class Reference(Source):
             bounds = np.radians(data["lat_bnds"].values) if "lat_bnds" in data else None
         if not self.fields:
             raise ConfigError(
-                f"cannot read {path}: it is not a file of a run, and as a reference it lacks fields"
-                " on (lat, lon)"
+                f"cannot read {path}: a reference needs fields on (lat, lon): regrid the file of a"
+                " run (swe-sphere regrid), or take another file"
             )
         count = self.lon.size
         around = np.diff(np.unwrap(np.append(self.lon, self.lon[0])))
@@ -95,6 +95,10 @@ class Reference(Source):
     def nearest(self, time: float | None) -> float | None:  # type: ignore[override]
         """Return the nearest time [s] as `Source` does; None for a reference without a time."""
         return super().nearest(time) if self.times.size else None
+
+    def is_at(self, time: float) -> bool:
+        """Return whether the (last) state is that of a time [s], or of no stated time."""
+        return not self.times.size or abs(self.times[-1] - time) <= 1.0
 
     def frame(self, time: float | None = None) -> dict[str, Array]:
         index = self.index(time) if self.times.size else 0  # an error at other times

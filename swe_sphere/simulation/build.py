@@ -342,7 +342,8 @@ class Initial:
                     f"initial: {name} is not finite in {self.origin}: take an earlier frame"
                     " (initial-time)"
                 )
-        changes["initial"] = partial(self._state, scene.wind is None)
+        bottom = scene.bottom if scene.effect("orography") else None
+        changes["initial"] = partial(self._state, scene.wind is None, bottom)
         if known:
             changes["tracers"] = tracers | {k: partial(self._at, q) for k, q in known.items()}
         for name in ("wind", "forcing"):
@@ -354,10 +355,16 @@ class Initial:
         """Return a prescribed field at t [s] after the beginning of this run."""
         return field(lon, lat, t + self.time_offset)
 
-    def _state(self, moves: bool, lon: Array, lat: Array) -> tuple[Any, Any, Array]:
-        """Return u, v [m s-1] and h [m]; moves: False if the wind is prescribed."""
+    def _state(self, moves: bool, bottom: Any, lon: Array, lat: Array) -> tuple[Any, Any, Array]:
+        """Return u, v [m s-1] and h [m] below the surface of the frame, above `bottom` if any.
+
+        moves: False if the wind is prescribed.
+        """
         u, v = self._at("wind", lon, lat) if moves else (0.0, 0.0)
-        return u, v, self._at("h", lon, lat)
+        h = self._at("h", lon, lat)
+        if bottom is not None and "b" in self._fields:
+            h = h + (self._at("b", lon, lat) - bottom(lon, lat))  # zero on the same mesh
+        return u, v, h
 
     def _at(self, name: str, lon: Array, lat: Array) -> Array:
         """Return a field at points [rad]."""

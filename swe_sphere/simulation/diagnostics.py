@@ -50,6 +50,7 @@ class Snapshot:
         self._is_live = live
         self._own: dict[Diagnostic, Array] = {}
         self._is_evaluating = False
+        self._seen: Array | None = None  # the state of which the fields are
 
     @cached_property
     def fields(self) -> Fields:
@@ -57,7 +58,12 @@ class Snapshot:
         if self._is_live and self.sim.steps not in (0, self.steps):  # 0 after a reset
             when = f"is of step {self.steps}, the simulation is at step {self.sim.steps}"
             raise RunFailed(f"the snapshot {when}: read its fields before the next step")
+        self._seen = self.state.numpy().copy()
         return _read_only(self.model.fields(self.state, self.time))
+
+    def is_current(self) -> bool:
+        """Return whether the state has not changed since its fields were computed."""
+        return self._seen is None or np.array_equal(self._seen, self.state.numpy())
 
     @cached_property
     def all_fields(self) -> Fields:

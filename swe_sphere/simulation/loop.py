@@ -100,15 +100,16 @@ class Loop:
             for observer in self.observers:
                 is_end = steps == self.plan.steps and observer.sees_end
                 if is_end or notify(observer, "due", steps):
-                    may_change = _may_change_states(observer)
-                    before = self.sim.stepper.state.numpy().copy() if may_change else None
+                    if may_change := _may_change_states(observer):
+                        self.sim.known_state = self.sim.stepper.state.numpy().copy()
                     notify(observer, "observe", self.sim.snapshot)
                     if self.sim.steps != steps:
                         what = "has stepped, run or reset the simulation during its run"
                         raise RunFailed(f"{label(observer)} {what}: do so after the run")
-                    if before is not None:
+                    if may_change:
                         self.health.observe(self.sim.snapshot, observer)
-                        self.sim.accept_changes(before)
+                        self.sim.accept_since()
+                        self.sim.known_state = None
             if is_asked or self._is_asked_to_stop():
                 self._stop()
 

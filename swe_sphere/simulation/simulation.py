@@ -220,7 +220,8 @@ class Simulation(NotCopyable):
         self._plan: RunPlan | None = None
         self._stepper: Trajectory | None = None
         self._keeper: Keeper | None = None
-        self._state_after_run: Array | None = None
+        self.known_state: Array | None = None
+        """The state (n,) at the end of the last run, or before a callback."""
         self._snapshot: Snapshot | None = None
         self._lengths: list[tuple[int, float, float]] = []
         """Lengths of steps so far [s], each with the number of steps and the time before it [s]."""
@@ -258,11 +259,11 @@ class Simulation(NotCopyable):
 
     def _check_reference(self) -> None:
         """Raise ConfigError if the reference is of another time than the end of the run."""
-        time = None if self.reference is None else self.reference.nearest(None)
-        if time is not None and abs(time - self.days * DAY) > 1.0:
+        if self.reference is not None and not self.reference.is_at(self.days * DAY):
+            day = f"{self.reference.times[-1] / DAY:g}"
             raise ConfigError(
-                f"{self.config.reference} is of day {time / DAY:g}, the run ends at day"
-                f" {self.days:g}: take days={time / DAY:g} or another reference"
+                f"{self.config.reference} is of day {day}, the run ends at day {self.days:g}: take"
+                f" days={day} or another reference"
             )
 
     @property
@@ -354,12 +355,12 @@ class Simulation(NotCopyable):
         self._earlier_counts = spent
         self._lengths.append((steps, now, dt))
 
-    def _accept_since_run(self) -> None:
-        """Accept changes of the state since the end of the last run, if no step was taken since."""
+    def accept_since(self) -> None:
+        """Accept changes of the state since `known_state` was stored, if it is."""
         self.release()
-        if self._state_after_run is not None:
-            self.accept_changes(self._state_after_run)
-            self._state_after_run = self.stepper.state.numpy().copy()
+        if self.known_state is not None:
+            self.accept_changes(self.known_state)
+            self.known_state = self.stepper.state.numpy().copy()
 
     def accept_changes(self, before: Array | None = None) -> None:
         """Accept changes of the stepper's state: a stepper with more memory starts again from it.
@@ -416,7 +417,7 @@ class Simulation(NotCopyable):
     def step(self) -> None:
         """Take one step; RunFailed if it cannot be taken."""
         self._begin_once()
-        self._state_after_run = None
+        self.known_state = None
         self.fit_step()
         self.take(1)
 
@@ -448,8 +449,8 @@ class Simulation(NotCopyable):
         self.outcome, noted = Summary("running"), interruption or Interruption()
         with ExitStack() as stack:  # each observer ends if it has begun
             try:
-                self._accept_since_run()
-                self._state_after_run, before = None, self.stepper.state.numpy().copy()
+                self.accept_since()
+                self.known_state, before = None, self.stepper.state.numpy().copy()
                 for observer in observers:
                     notify(observer, "begin", self.plan, self.snapshot)
                     stack.callback(self._end, observer)
@@ -465,7 +466,7 @@ class Simulation(NotCopyable):
                 # before the observers end, for which all ranks may be needed
                 self._ended_by(error)
         self.signal_number, stepper = noted.number, self._stepper
-        self._state_after_run = None if stepper is None else stepper.state.numpy().copy()
+        self.known_state = None if stepper is None else stepper.state.numpy().copy()
         return self.outcome
 
     def _end(self, observer: Observer) -> None:
@@ -624,11 +625,13 @@ class Simulation(NotCopyable):
     @exclusive
     def snapshot(self) -> Snapshot:
         """The present state, with its fields as arrays (N,)."""
-        if self._snapshot is None or self._snapshot.steps != self.steps:
+        known, alone = self._snapshot, not self.comm.shared
+        if known is None or known.steps != self.steps or (alone and not known.is_current()):
             state = self.model.initial_state() if self._stepper is None else self._stepper.state
             live = self._stepper is not None
-            self._snapshot = Snapshot(self.model, state, self.time, self.steps, self, live)
-        return self._snapshot
+            known = Snapshot(self.model, state, self.time, self.steps, self, live)
+            self._snapshot = known
+        return known
 
     def release(self) -> None:
         """Drop the snapshot, whose fields occupy memory while steps are taken."""
@@ -684,7 +687,8 @@ class Simulation(NotCopyable):
         if outcome.completed:
             own = self.initial is not None
             shipped = None if own else build.shipped_solution(self.scene, self.time / DAY)
-            if reference := self.reference or _read_reference(shipped):
+            reference = self.reference or _read_reference(shipped)
+            if reference is not None and reference.is_at(self.time):
                 numbers |= reference_errors(reference, self.snapshot)
                 numbers["reference"] = reference.path.name
         if (cuts := getattr(self._stepper, "cuts", None)) is not None:
@@ -796,7 +800,7 @@ class Simulation(NotCopyable):
         from swe_sphere.io.layout import plain
 
         self._begin_once()
-        self._accept_since_run()
+        self.accept_since()
         HealthCheck(self).observe(self.snapshot)
         path = Path(path)
         arrays = dict(self.restart_arrays())
