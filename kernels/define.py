@@ -81,15 +81,10 @@ class Register:
     def prelude(self) -> str:
         """C++ code at the beginning of every native function."""
         attributes = f"__attribute__((ext_vector_type({self.lanes}), aligned(sizeof(number))))"
-        vector = f"wp::vec_t<{self.lanes}, number>"
-        return f"""
-        typedef wp::{self.real.__name__} number;
-        typedef number run {attributes if self.lanes > 1 else ""};
-        typedef run* runs;
-        typedef {vector if self.lanes > 1 else "number"} value;
-        const int lanes = {self.lanes};
-        const auto as_value = [](run r) {{ return *reinterpret_cast<value*>(&r); }};
-        """
+        several = attributes, f"wp::vec_t<{self.lanes}, number>"
+        attributes, register = several if self.lanes > 1 else ("", "number")
+        given = {"real": self.real.__name__, "lanes": self.lanes}
+        return source("prelude", attributes=attributes, register=register, **given)
 
 
 def lanes_of(real: Any) -> int:

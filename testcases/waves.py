@@ -357,7 +357,7 @@ class EquatorialMode:
         up, down = np.sqrt((n + 1) / 2.0) * above, np.sqrt(n / 2.0) * below
         u = factor * (-(slope + wave) * up - (slope - wave) * down)
         geopotential = speed * factor * (-(slope + wave) * up + (slope - wave) * down)
-        # u and g h are a quarter period behind v
+        # u and g h are in quadrature with v
         phase = self.k * lon - self.frequency * t
         depth = DEPTH + geopotential / PLANET.gravity * np.sin(phase)
         return u * np.sin(phase), v * np.cos(phase), depth

@@ -100,7 +100,7 @@ def _analysed(file: Path, degree: int, balanced: bool) -> State:
     if not 0 <= degree <= 1000:
         raise ConfigError(f"williamson7: degree must be from 0 to 1000, got {degree}")
     lat, lon, *fields = _read_analysis(file)
-    # area mean by the trapezoidal rule in the sine of the latitude
+    # each latitude stands for the zone up to the middle (in sine) to the next ones
     weights = np.diff(0.5 * (np.sin(lat[1:]) + np.sin(lat[:-1])), prepend=-1.0, append=1.0)
     mean = float(weights @ fields[2].mean(axis=1) / 2.0)
     if fields[2].min() - mean + DEPTH <= 0.0:

@@ -58,6 +58,16 @@ def test_a_profile_is_in_the_state_and_in_files_on_grids(zonal_wind, tmp_path):
     assert np.array_equal(mean.zonal_wind[-1], sim.state.zonal_wind)
 
 
+def test_a_profile_is_no_zonal_mean():
+    @diagnostic
+    def levels(sim):
+        return xr.DataArray(np.arange(3.0), dims="level")
+
+    means = simulation().to_xarray().swe.zonal_mean(19)
+    assert means.u.attrs["cell_methods"] == "longitude: mean"
+    assert means["levels"].ndim == 2 and "cell_methods" not in means["levels"].attrs
+
+
 def test_a_profile_without_a_coordinate_counts_its_values():
     @diagnostic
     def levels(sim):

@@ -16,6 +16,7 @@ from swe_sphere.errors import ConfigError, Interrupted
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.planning import RunPlan
 from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.simulation.summary import Summary
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.cases import (
     Case,
@@ -486,3 +487,13 @@ def test_the_page_in_docs_is_made_of_the_numbers_beside_it() -> None:
     )
     assert f"in {sum(float(each['seconds']) for each in found):.0f} s on one CPU core" in text
     assert len(text) > 10_000
+
+
+def test_status_and_reason_of_a_batch_are_those_of_one_seed(monkeypatch):
+    ends = iter([Summary("unstable", "blew up", 1), Summary("failed", "a fault", 1), Summary()])
+    monkeypatch.setattr(measuring, "attempt", lambda run: next(ends))
+    (case, *_) = [case for case in choose("stability") if case.method == "seeds"]
+    case = case.model_copy(update={"seeds": case.seeds[:3]})
+    found = measuring.METHODS["seeds"](case, case.configured(), None)
+    assert (found.status, found.numbers["stopped"]) == ("failed", 2.0)
+    assert found.reason == f"seed {case.seeds[1]}: failed: a fault"

@@ -110,7 +110,7 @@ def test_runs_are_repeated_until_their_two_shortest_times_agree(monkeypatch, agr
 
     run_timed = runner.run_timed
     monkeypatch.setattr(runner, "run_timed", timed)
-    monkeypatch.setattr(engine, "AGREE", agree)
+    monkeypatch.setattr(engine, "REPEATABLE", agree)
     dataset = sweep("lauter", "rk4", dt=3600, **TINY | {"repeats": 3})
     (grid,) = rows(dataset, role="grid")["cpu"].values
     assert len(grid) == runs

@@ -14,6 +14,7 @@ from swe_sphere.studies.report import sweep_rankings
 from swe_sphere.studies.report.ranking import candidates, read_runs
 from swe_sphere.studies.sweep import runner, sweep
 from swe_sphere.studies.sweep.record import runs_of
+from swe_sphere.studies.sweep.runs import Study
 from swe_sphere.studies.sweep.sweep_plan import Recipe, load_recipe, make_plan
 from swe_sphere.testcases import get_scene
 
@@ -244,3 +245,30 @@ def test_a_run_of_minutes_is_no_fault_of_report_days():
     assert (found.status.values == "completed").all()
     late = TINY | {"report_days": [0.25, 0.2500000001]}
     assert sweep("williamson2", "rk4", **late).report_day.values.tolist() == [0.25]
+
+
+def test_a_second_search_over_a_shorter_time_has_its_own_answer(tmp_path):
+    sweep("williamson2", "rk4", out=tmp_path, **SEARCH | {"days": 0.25})
+    found = sweep("williamson2", "rk4", out=tmp_path, **SEARCH | {"days": 0.125})
+    (ranked,) = sweep_rankings(found)
+    assert [*ranked.table.index] == ["rk4"] and not ranked.winners(0).empty
+
+
+def test_steps_are_run_from_the_longest_to_the_shortest_in_any_order_of_the_request():
+    plan = {"scene": "williamson2", "steppers": "rk4", "ne": 2, "np": 4, "days": 0.5}
+    study = Study(make_plan(plan | {"dt": [600.0, 1800.0, 1200.0]}))
+    assert [run.dt for run in study.integrators()[0].grid()] == [1800.0, 1200.0, 600.0]
+
+
+def test_a_reference_run_of_two_pairs_is_made_once(tmp_path, monkeypatch):
+    made, make = [], runner.Runner.make
+
+    def noting(self, spec, *more):
+        made.append((spec.role, spec.dt))
+        return make(self, spec, *more)
+
+    monkeypatch.setattr(runner.Runner, "make", noting)
+    monkeypatch.setattr(runner, "RESOLVED", 0.0)  # all halvings of the reference's step
+    sweep("williamson6", "rk4", out=tmp_path, **SEARCH)
+    steps = [dt for role, dt in made if role == "converged"]
+    assert len(steps) == len({*steps}) == runner.HALVINGS + 2

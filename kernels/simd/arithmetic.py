@@ -9,11 +9,7 @@ from swe_sphere.kernels.define import Name, Register, real, source, value, vecto
 from swe_sphere.kernels.simd.memory import Numbers
 
 
-@Register.func_native("""
-    run r = *runs(&p);
-    r *= *runs(&q);
-    return as_value(r);
-""")
+@Register.func_native(source("product"))
 def product(p: value, q: value) -> value:
     """Return the product of whole registers, lane by lane."""
 
@@ -30,13 +26,7 @@ div: Any = Name(lambda of: wp.cw_div if of.lanes > 1 else wp.div)
 """Function (p, q) that returns the quotient."""
 
 
-@Register.func_native("""
-    const run least = *runs(&low), most = *runs(&high);
-    run r = *runs(&x);
-    r = r > least ? r : least;
-    r = r < most ? r : most;
-    return as_value(r);
-""")
+@Register.func_native(source("clip"))
 def clip(x: value, low: value, high: value) -> value:
     """Return x limited to [low, high]; Warp's own functions would compile to function calls."""
 
@@ -100,15 +90,7 @@ def entries_sum(factor: str) -> Any:
     added in turn; adjacent rows, which differ from rank to rank, add only zeros to this sum.
     """
 
-    @Register.func_native(f"""
-        const auto part = [&](int k) {{
-            const auto from = x.data + places.data[k];
-            return runs(values.data)[k] * {factor};
-        }};
-        run sum = {{}};
-        for (int k = at.data[g]; k < at.data[g + 1]; ++k) sum += part(k);
-        return as_value(sum);
-    """)
+    @Register.func_native(source("entries_sum", factor=factor))
     def row(
         at: Numbers, places: Numbers, values: wp.array(dtype=value), x: vector, g: int
     ) -> value: ...

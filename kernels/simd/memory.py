@@ -64,16 +64,10 @@ def _load_nodes(register: Register, given: Any) -> Any:
 
     x contains numbers of the type `given`. The branch chooses between whole registers.
     """
-    lanes = register.lanes
+    each = ", ".join(f"at[node.c[{lane}]]" for lane in range(register.lanes))
+    whole = source("load_nodes", given=given.__name__, lanes=register.lanes, each=each)
 
-    @Register.func_native(f"""
-        typedef wp::{given.__name__} other;
-        typedef other others __attribute__((ext_vector_type({lanes}), aligned(sizeof(other))));
-        const auto at = x.data + offset, run_at = x.data + (offset + ~node.c[0]);
-        const others r = node.c[0] < 0 ? *reinterpret_cast<const others*>(run_at)
-            : others{{{", ".join(f"at[node.c[{lane}]]" for lane in range(lanes))}}};
-        return as_value(__builtin_convertvector(r, run));
-    """ if lanes > 1 else "return number(x.data[offset + node]);")  # fmt: skip
+    @Register.func_native(whole if register.lanes > 1 else "return number(x.data[offset + node]);")
     def load_nodes(x: wp.array(dtype=given), offset: int, node: index) -> value: ...
 
     return load_nodes.find(register)

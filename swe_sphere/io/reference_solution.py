@@ -270,7 +270,7 @@ def _common_time(*sources: Source) -> float | None:
 
 
 def _common_field(ours: Source, theirs: Source, field: str | None) -> str:
-    """Return the field, or "surface" if "h" is missing and the bottom is zero."""
+    """Return the field; by default, and for "h" over no bottom, "surface" where "h" is missing."""
     references = [s for s in (ours, theirs) if isinstance(s, Reference)]
     if field is None:
         return "surface" if any("h" not in r.fields for r in references) else "h"

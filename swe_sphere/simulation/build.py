@@ -46,7 +46,7 @@ SHIPPED: dict[str, tuple[str, tuple[str, ...]]] = {
 """Solutions that come with the package: the scene and the settings of each."""
 DECISIVE = [
     *inspect.signature(Scene).parameters.keys()
-    - {"title", "reference", "ne", "np", "dt", "days", "error_field", "sheds_waves"}
+    - {"title", "reference", "ne", "np", "days", "error_field", "sheds_waves"}
 ]
 """Attributes of a scene on which its solution depends."""
 

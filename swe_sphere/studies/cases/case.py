@@ -163,7 +163,8 @@ class Case(BaseModel):
         """Text that is the same for two cases with the same run, measurement and code."""
         measured = {"name", "run", "method", "against", "part", "courant", "advective", "steps",
                     "symmetries", "seeds", "seconds"}  # fmt: skip
-        return fingerprint([self.model_dump(include=measured), code_fingerprint("studies.cases")])
+        code = code_fingerprint(*map("studies.cases.{}".format, ("case", "measure", "scenes")))
+        return fingerprint([self.model_dump(include=measured), code])
 
     @property
     def stepper(self) -> str:

@@ -179,7 +179,7 @@ class Series(Observer):
     """The samples."""
 
     def due(self, step: int) -> bool:
-        return step % self.plan.interval(SAMPLES) == 0
+        return self.plan.is_sample(step, SAMPLES)
 
     def observe(self, snapshot: Snapshot) -> None:
         off = {x: SYMMETRIES[x](snapshot.model.mesh, snapshot.fields) for x in self.symmetries}
@@ -325,7 +325,7 @@ def _seeds(case: Case, _: RunConfig, tick: Tick | None) -> Summary:
             numbers["stopped"] += 1.0
             reason = reason or f"seed {seed}: {ended.status}: {ended.reason}"
         if ended.status in ("timed-out", "failed"):
-            status = ended.status
+            status, reason = ended.status, f"seed {seed}: {ended.status}: {ended.reason}"
     return Summary(status, reason, numbers=numbers)
 
 

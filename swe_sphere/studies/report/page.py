@@ -22,14 +22,8 @@ from swe_sphere.settings.values import read_toml
 from swe_sphere.studies import words
 from swe_sphere.studies.pages import rendered, write_made
 from swe_sphere.studies.report.figures import Picture, error_pictures, other_pictures
-from swe_sphere.studies.report.ranking import (
-    REPEATABLE,
-    Metric,
-    Ranking,
-    metrics,
-    rankings,
-    read_runs,
-)
+from swe_sphere.studies.report.ranking import Metric, Ranking, metrics, rankings, read_runs
+from swe_sphere.studies.sweep.record import REPEATABLE
 from swe_sphere.studies.sweep.sweep_plan import Recipe
 
 TITLE = "What accuracy costs in time"
@@ -108,7 +102,7 @@ def _searched(runs: pd.DataFrame, plan: Mapping[str, Any]) -> list[Metric]:
     kind, field = plan.get("target_kind", "auto"), plan.get("target_field", "h")
     kinds = ("total", "time") if kind == "auto" else (kind,)
     norm, field = plan.get("target_norm", "l2"), "vorticity" if kind == "slow" else field
-    known = [of for of in runs if isinstance(of, Metric) and runs[of].notna().any()]
+    known = [of for of in runs if isinstance(of, Metric) and runs[of][runs.compared].notna().any()]
     found = [of for of in known if (of.kind in kinds and (of.field, of.norm) == (field, norm))]
     return sorted(found, key=lambda of: (kinds.index(of.kind), -of.day))[:1]
 

@@ -18,7 +18,7 @@ from xarray import Dataset
 from swe_sphere.errors import ConfigError
 from swe_sphere.studies import words
 from swe_sphere.studies.pages import prose
-from swe_sphere.studies.sweep.record import COMPARED, FIELDS, UNITS, WORDS
+from swe_sphere.studies.sweep.record import COMPARED, FIELDS, REPEATABLE, UNITS, WORDS
 
 ERROR = ("kind", "field", "norm", "report_day")
 """Dimensions of the errors of a run, in the order of the fields of `Metric`."""
@@ -26,8 +26,6 @@ ERROR = ("kind", "field", "norm", "report_day")
 KINDS = {"total": "total error", "time": "time error", "slow": "slow-flow error"}
 SYMBOLS = {"l1": "l1", "l2": "l2", "linf": "l∞"}
 
-REPEATABLE = 0.03
-"""Least relative uncertainty of a time."""
 TIMED_ONCE = 0.1
 """Relative uncertainty of the time of a run that was timed once."""
 LINES = ("-", "--", ":", "-.")

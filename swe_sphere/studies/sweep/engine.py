@@ -21,7 +21,7 @@ from swe_sphere.steppers import Stepper
 from swe_sphere.studies.jobs import in_processes
 from swe_sphere.studies.pages import prose
 from swe_sphere.studies.record_store import locked
-from swe_sphere.studies.sweep.record import RunRecord, note_plan, runs_of, write_dataset
+from swe_sphere.studies.sweep.record import REPEATABLE, RunRecord, note_plan, runs_of, write_dataset
 from swe_sphere.studies.sweep.runner import Evaluator, Runner, SweepWatcher
 from swe_sphere.studies.sweep.runs import (
     TRIAL_DAYS,
@@ -44,12 +44,10 @@ LONGEST_SEARCHED = {"gravity_limit": 64.0, "advective_limit": 8.0}
 """A search for an error begins with a step of at most the largest of these multiples of limits."""
 FINEST = 0.1
 """Least common measure of report times, in gravity limits: every step divides it."""
-AGREE = 0.03
-"""Runs are repeated until their two shortest times differ by at most this fraction."""
 MOST_REPEATS = 3
 """Runs are repeated at most this many times as often as the plan requests."""
 SEARCHING = 0.7
-"""Fraction of a budget for searches; repeats use the remainder."""
+"""Fraction of the budget left that the searches to come share; repeats use the remainder."""
 NEAR_BEST = 1.5
 """Runs up to this many times the time of the cheapest accurate run are timed again."""
 
@@ -221,7 +219,7 @@ class Sweep:
                 self._runner.run(run, repeat=last + 1)
 
     def _wants_repeat(self, run: RunSpec) -> bool:
-        """Return whether the shortest time of a run is not yet known to AGREE."""
+        """Return whether the shortest time of a run is not yet known to be REPEATABLE."""
         first, wanted = self._runner.known(run), self._plan.repeats
         if self._plan.jobs > 1 or first is None or first.status != "completed":
             return False
@@ -231,7 +229,7 @@ class Sweep:
         )
         if len(repeats) > MOST_REPEATS * wanted:  # some of which failed
             return False
-        agree = wanted < 2 or (len(times) > 1 and times[1] <= (1.0 + AGREE) * times[0])
+        agree = wanted < 2 or (len(times) > 1 and times[1] <= (1.0 + REPEATABLE) * times[0])
         return len(times) < (wanted if agree else MOST_REPEATS * wanted)
 
     def _find_limit(self, integrator: Integrator) -> None:

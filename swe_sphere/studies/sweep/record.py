@@ -32,6 +32,8 @@ _ROWS = read_toml(Path(__file__).with_name("rows.toml"))
 KINDS, FIELDS, NORMS = _ROWS["kinds"], _ROWS["fields"], _ROWS["norms"]
 COMPARED = ("grid", "target")
 """Roles of runs that represent a setting; the other runs find limits and references."""
+REPEATABLE = 0.03
+"""Runs are repeated until their two shortest times differ by at most this fraction."""
 CLOCKS = ("cpu_seconds", "wall_seconds")
 """Clocks by which runs on a CPU, and on other devices, are compared."""
 MESH, COUNTS, WORDS = _ROWS["mesh"], _ROWS["counts"], _ROWS["words"]

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -293,7 +294,10 @@ class Evaluator:
 
     def __init__(self, study: Study, runner: Runner, folder: Path) -> None:
         self._study, self._runner, self._folder = study, runner, folder / CONVERGED
+        self._make = lru_cache(maxsize=1)(runner.make)  # a fine run is the next coarse one
         self._converged: dict[tuple[int, int], History] = {}
+        self._errors = {"time": diagnostics.flow_errors}
+        self._errors |= {"slow": diagnostics.slow_errors} if study.slow else {}
         self._right: dict[tuple[str, float], OnGrid | Fields | None] = {}
 
     def __call__(self, space: Discretisation, history: History) -> list[Errors]:
@@ -301,11 +305,9 @@ class Evaluator:
         converged = self.converged(space)
         days, model = [day for day in history if day in converged], space.sim.model
         found = self._total_errors(space, history)
-        by_kind = {"time": diagnostics.flow_errors, "slow": diagnostics.slow_errors}
-        for kind, errors in by_kind.items():
-            if kind == "time" or self._study.slow:
-                of_days = {day: errors(model, history[day], converged[day]) for day in days}
-                found += Errors.of(kind, of_days)
+        for kind, errors in self._errors.items():
+            of_days = {day: errors(model, history[day], converged[day]) for day in days}
+            found += Errors.of(kind, of_days)
         return found
 
     def converged(self, space: Discretisation) -> History:
@@ -352,14 +354,13 @@ class Evaluator:
 
     def _compare(self, coarse: RunSpec, fine: RunSpec) -> None:
         """Make both runs, and store time errors from their difference."""
-        made = {spec: self._runner.make(spec) for spec in (coarse, fine)}
+        made = {spec: self._make(spec) for spec in (coarse, fine)}
         ours, right = (fields for _, fields in made.values())
         integrator, space = fine.integrator, fine.integrator.space
-        days, kinds = [day for day in ours if day in right], {"time": diagnostics.flow_errors}
-        kinds |= {"slow": diagnostics.slow_errors} if self._study.slow else {}
+        days = [day for day in ours if day in right]
         apart = {
             kind: {day: errors(space.sim.model, ours[day], right[day]) for day in days}
-            for kind, errors in kinds.items()
+            for kind, errors in self._errors.items()
         }
         gain = 2.0 ** integrator.kind.order_in(space.sim.model, **integrator.options)
         for spec, share in ((coarse, gain / (gain - 1.0)), (fine, 1.0 / (gain - 1.0))):

@@ -56,8 +56,10 @@ SHORTEST_IMPLICIT = 2.0
 REFINEMENTS = 6
 LIMIT_KNOWN, ACCURATE_KNOWN = 0.02, 0.05
 """Relative accuracy with which searches find the longest working, or accurate, step."""
-PLATEAU = 0.9
-"""If halving the step leaves more than this fraction of the error, the step does not matter."""
+PLATEAU, SATURATED = 0.9, 0.3
+"""If halving the step leaves more than the first fraction of the error, the step does not matter,
+unless the relative error is above the second: flows that amplify errors limit them by their size.
+"""
 
 
 TRIAL_STEPS, TRIAL_DAYS = 100, 5.0
@@ -130,7 +132,7 @@ def longest_accurate(
         too_long = (step, found)
         step = max(0.5 * step, shortest)
         found = error(step)
-        flat = flat + 1 if PLATEAU * too_long[1] < found < math.inf else 0
+        flat = flat + 1 if PLATEAU * too_long[1] < found < SATURATED else 0
         if flat == 2 and not found <= target:
             raise NoStepError(f"the error stays at {found:.3g} however short the step")
     for _ in range(REFINEMENTS):
@@ -217,7 +219,7 @@ class Discretisation:
     def limits(self) -> dict[str, float]:
         """Return the steps [s] that the initial state permits.
 
-        gravity_limit: of leapfrog, 1 over the spectral radius; advective_limit: without such waves.
+        gravity_limit: of leapfrog, 1 over the spectral radius; advective_limit: of the wind.
         """
         gravity = self.sim.gravity_limit
         at_start, _ = self.sim.initial_numbers
@@ -313,7 +315,7 @@ class Study:
     @property
     def cycle(self) -> int:
         """Requested number of steps that are taken with one step of the tracers; 1 for auto."""
-        return 1 if (asked := self.plan.run_config().tracer_steps) == "auto" else asked
+        return 1 if (asked := self.plan.tracer_steps) == "auto" else asked
 
     def error_identity(self, role: Role) -> tuple[str, ...]:
         """Return what determines the errors of a run, in words: part of its identity."""
@@ -443,7 +445,7 @@ class Integrator:
         """Return the runs of the plan, without duplicates."""
         plan = self.study.plan
         if plan.dt != "auto":
-            steps = list(plan.dt)
+            steps = sorted(plan.dt, reverse=True)
         elif self.refusal is None:
             explicit = math.isfinite(self.safe_dt) and self.kind.family == "explicit"
             gravity, interval = self.space.limits["gravity_limit"], self.study.interval

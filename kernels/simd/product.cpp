@@ -1,0 +1,4 @@
+// Body of product in arithmetic.py.
+run r = *runs(&p);
+r *= *runs(&q);
+return as_value(r);
