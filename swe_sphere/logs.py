@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.durable import clear_errors
+from swe_sphere.files.durable import translate_errors
 
 LOGGER = logging.getLogger("swe_sphere")
 LOGGER.addHandler(logging.NullHandler())  # or Python would print warnings a second time
@@ -54,7 +54,7 @@ def append_lines(path: Path | None) -> Iterator[None]:
     if path is None:
         yield
         return
-    with clear_errors(f"cannot write {path}"):
+    with translate_errors(f"cannot write {path}"):
         if path.is_file():
             with path.open("rb") as file:
                 if not re.match(rb"\d{4}-\d\d-|$", file.read(8)):

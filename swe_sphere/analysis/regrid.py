@@ -18,7 +18,7 @@ import xarray as xr
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, shown, unknown_name
-from swe_sphere.files.durable import building, check_free, clear_errors
+from swe_sphere.files.durable import building, check_free, translate_errors
 from swe_sphere.io.growing import check_zarr
 from swe_sphere.io.layout import SERIES, TOPOLOGY, VARIABLES, history
 from swe_sphere.io.runfile import RunFile, engine, read_values
@@ -196,7 +196,7 @@ def regrid_file(
         check_zarr(out)
     with (
         xr.open_dataset(path, engine=engine(path), decode_times=False) as data,
-        clear_errors(f"cannot write {out}"),
+        translate_errors(f"cannot write {out}"),
     ):
         if out.exists() and out.samefile(path):
             raise ConfigError(f"{out} is the input file: choose another name")

@@ -16,7 +16,7 @@ import typer
 from swe_sphere.cli.options import AsJson, Jobs, flag, given, option, with_flags
 from swe_sphere.cli.show import print_table, show_line
 from swe_sphere.errors import ConfigError, Interrupted
-from swe_sphere.files.durable import clear_errors, contents_of, write_whole
+from swe_sphere.files.durable import contents_of, translate_errors, write_whole
 from swe_sphere.settings.values import names_in
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.summary import finite
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from swe_sphere.studies.cases import Case, Row
 
 HEADS = ("case", "ne", "np", "Δt [s]", "l2(h)", "l2(v)", "order(h)", "of bound")
-OF_MEMBERS = (
+NOT_OF_MEMBERS = (
     "out", "outputs", "plot", "live", "restart", "trust", "initial", "initial_time", "reference",
     "as_json", "quiet", "log",
 )  # fmt: skip
@@ -130,12 +130,12 @@ def _page_file(out: Path, folder: str, quick: bool, words: Sequence[str]) -> Pat
 
     file = out if out.suffix == ".md" else out / f"{folder}.md"
     numbers = file.with_suffix(".json")
-    with clear_errors(f"cannot write to {file.parent}"):
+    with translate_errors(f"cannot write to {file.parent}"):
         file.parent.mkdir(parents=True, exist_ok=True)
     check_ours(file, f"# {folder.capitalize()}\n", what=f"is no {folder} page")
     if numbers.exists() and not file.exists():
         raise ConfigError(f"out: {numbers} belongs to another page and would be replaced: move it")
-    with clear_errors(f"cannot read {numbers}"):
+    with translate_errors(f"cannot read {numbers}"):
         if quick and numbers.exists() and b'"quick": true' not in contents_of(numbers):
             raise ConfigError(f"out: {numbers} is of the full form: choose another name")
     if words and file.exists() and f"{shlex.join(words)} --out " not in file.read_text("utf-8"):
@@ -161,7 +161,7 @@ def _shown(found: Iterator[Row]) -> Iterator[Row]:
         yield from rows
 
 
-@with_flags(RunConfig, argument="scene", without=OF_MEMBERS)
+@with_flags(RunConfig, argument="scene", without=NOT_OF_MEMBERS)
 def ensemble(
     seeds: str = option("A,B,...|FIRST-LAST", "Seeds of the members.", "1-8"),
     field: str = option("NAME", "Field of the spread: vorticity, h, u, ...", "vorticity"),

@@ -31,7 +31,7 @@ def write_whole(path: Path, contents: str | bytes) -> None:
 
     Raises RunFailed if the disk fails; the old file is then still in place.
     """
-    with clear_errors(f"cannot write {path}", RunFailed, MENDING):
+    with translate_errors(f"cannot write {path}", RunFailed, MENDING):
         path.parent.mkdir(parents=True, exist_ok=True)
         with suppress(ConfigError):  # another program may write this file, too
             _remove_unfinished(path)
@@ -235,7 +235,9 @@ def allocate(file: int, path: Path, size: int) -> None:
 
 
 @contextmanager
-def clear_errors(what: str, kind: type[SweError] = ConfigError, after: str = "") -> Iterator[None]:
+def translate_errors(
+    what: str, kind: type[SweError] = ConfigError, after: str = ""
+) -> Iterator[None]:
     """Convert errors of the system or netCDF in the block to a `kind`: "what: reason" + after."""
     try:
         yield

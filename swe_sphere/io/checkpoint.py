@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.durable import building, clear_errors
+from swe_sphere.files.durable import building, translate_errors
 from swe_sphere.io.runfile import CheckpointHeader, RunFile
 
 HEADER = "header"
@@ -66,7 +66,7 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
     the file of frames belongs to another run.
     """
     path = Path(path)
-    with clear_errors(f"cannot read {path}"):
+    with translate_errors(f"cannot read {path}"):
         if path.is_file() and zipfile.is_zipfile(path):
             return _read(path)
     run_id, beside = RunFile(path).attributes.get("run_id"), checkpoint_path(path)

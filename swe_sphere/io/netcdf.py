@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, RunFailed, unknown_name
-from swe_sphere.files.durable import clear_errors
+from swe_sphere.files.durable import translate_errors
 from swe_sphere.io import layout
 from swe_sphere.io.checkpoint import Checkpoint, checkpoint_path, write_checkpoint
 from swe_sphere.io.growing import SUFFIX, GrowingFile, GrowingStore
@@ -97,7 +97,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         self._series: tuple[str, ...] = ()
         size += (layout.LAYOUT_BYTES + 8 * len(self._fields)) * mesh.size
         place = self.path.resolve() if self.path.is_symlink() else self.path
-        with clear_errors(f"cannot write {self.path}"):
+        with translate_errors(f"cannot write {self.path}"):
             in_zarr = self.path.suffix.lower() == SUFFIX
             self._growing: GrowingFile | GrowingStore = (
                 GrowingStore(place) if in_zarr else GrowingFile(place, size)
@@ -221,6 +221,6 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         """Raise RunFailed for errors of the disk, and for a file that another program changed."""
         if not (begins or self._begun):
             raise ValueError("the first record of a file must be a frame")
-        with clear_errors(f"cannot write {self.path}", RunFailed, MENDING):
+        with translate_errors(f"cannot write {self.path}", RunFailed, MENDING):
             self._growing.check(self.path)
             yield

@@ -17,7 +17,7 @@ from scipy.io import netcdf_file
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, SweError
-from swe_sphere.files.durable import check_moved, clear_errors
+from swe_sphere.files.durable import check_moved, translate_errors
 from swe_sphere.io.growing import check_zarr, is_store
 from swe_sphere.io.layout import FINITE, MESH_ATTRIBUTES, SERIES, SUMMARY, TRACER, decode, in_python
 from swe_sphere.io.scalar_fields import Sampler, derive, evaluate
@@ -103,7 +103,7 @@ def reading(path: str | os.PathLike[str]) -> Iterator["xr.Dataset"]:
     """
     import xarray as xr  # takes half a second
 
-    with clear_errors(f"cannot read {path}"):
+    with translate_errors(f"cannot read {path}"):
         check_moved(Path(path))
         if (kind := engine(Path(path))) == "zarr":
             check_zarr(Path(path))

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.text import Text
 
 from swe_sphere.errors import ConfigError, shown
-from swe_sphere.files.durable import building, check_free, clear_errors
+from swe_sphere.files.durable import building, check_free, translate_errors
 from swe_sphere.io.reference_solution import Exact, open_source
 from swe_sphere.io.runfile import Nodal, RunFile, Source
 from swe_sphere.io.scalar_fields import check_field
@@ -66,7 +66,7 @@ def plot_file(
             draw_panel(*pair, time)
     png = out.suffix.lower() == ".png"
     smaller: dict[str, Any] = {"pil_kwargs": {"optimize": True}} if png else {}
-    with clear_errors(f"cannot write {out}"), building(out) as part:
+    with translate_errors(f"cannot write {out}"), building(out) as part:
         figure.savefig(part, dpi=DOTS_PER_INCH, **smaller)
     return out
 
@@ -134,7 +134,7 @@ def animate_file(
     field = check_field(field or default_field(source), source.about)
     out = source.path.with_name(f"{source.path.stem}_{field}.mp4") if out is None else Path(out)
     check_free(out, overwrite)
-    with clear_errors(f"cannot write {out}"), mpl.rc_context():
+    with translate_errors(f"cannot write {out}"), mpl.rc_context():
         writer, film = _film_writer(out, rate), Film.of(source, field, look or Look(), rate)
         try:
             with building(out) as part:

@@ -21,7 +21,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.equations.effects import Effect
 from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.errors import ConfigError, shown
-from swe_sphere.files.durable import clear_errors
+from swe_sphere.files.durable import translate_errors
 from swe_sphere.files.user_file import file_or_name
 from swe_sphere.io.scalar_fields import evaluate
 from swe_sphere.mesh import Mesh
@@ -274,7 +274,7 @@ def start_warp() -> None:
         os.dup2(caught.fileno(), 2)
         try:
             hint = ": set WARP_CACHE_PATH to a folder that can be written to"
-            with clear_errors("compiled kernels cannot be kept", after=hint):
+            with translate_errors("compiled kernels cannot be kept", after=hint):
                 wp.init()
         finally:
             os.dup2(stderr, 2)

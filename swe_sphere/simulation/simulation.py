@@ -33,7 +33,7 @@ from swe_sphere.errors import (
     Unstable,
     in_one_line,
 )
-from swe_sphere.files.durable import clear_errors
+from swe_sphere.files.durable import translate_errors
 from swe_sphere.files.fingerprints import code_fingerprint
 from swe_sphere.files.user_file import cause, check_trusted, users_code
 from swe_sphere.io.integrals import Fields, tracer_masses
@@ -808,7 +808,7 @@ class Simulation(NotCopyable):
         checkpoint = Checkpoint(arrays, self.steps, plain(attributes))
 
         def write() -> None:
-            with clear_errors(f"cannot write {path}", RunFailed):
+            with translate_errors(f"cannot write {path}", RunFailed):
                 if path.exists() and not is_checkpoint(path):
                     raise ConfigError(f"{path} exists and is not a checkpoint: choose another name")
                 write_checkpoint(path, checkpoint)

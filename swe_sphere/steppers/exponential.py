@@ -63,7 +63,7 @@ class SmallMatrix:
 SIZE = 100
 """Largest number of vectors of a basis: functions of a larger matrix cost more than they save."""
 FIRST_LOOK = 5
-APART = 16
+GROWTH_PARTS = 16
 """The error is estimated again when the basis has grown by 2 and its size over this number."""
 SHORTER = 0.85
 """Factor that shortens a time which the largest basis does not reach."""
@@ -165,7 +165,7 @@ class KrylovExponential:
                 if self._is_small(p, error, rest, size):
                     return rest, size * coefficients
                 # waves need at least as many vectors as the phase [rad] of the fastest
-                least = small.columns + 2 + small.columns // APART
+                least = small.columns + 2 + small.columns // GROWTH_PARTS
                 look = max(least, math.ceil(rest * small.radius()))
         t = SHORTER * min(rest, self.size / max(small.radius(), self.size / rest))
         while t > SHORTEST_SUBSTEP * p.length:

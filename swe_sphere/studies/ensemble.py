@@ -9,7 +9,7 @@ import pandas as pd
 
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError, Interrupted, RunFailed
-from swe_sphere.files.durable import clear_errors, write_whole
+from swe_sphere.files.durable import translate_errors, write_whole
 from swe_sphere.files.fingerprints import code_fingerprint
 from swe_sphere.io.checkpoint import checkpoint_path
 from swe_sphere.io.integrals import area_mean
@@ -47,7 +47,7 @@ def run_members(
     if len(seeds) > 1000 or not 2 <= len(set(seeds)) == len(seeds):
         few = ",".join(map(str, seeds[:8])) or "none"
         raise ConfigError(f"seeds: give 2 to 1000 different numbers, got {few}")
-    with clear_errors(f"cannot write to {folder}"):
+    with translate_errors(f"cannot write to {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
     return [_member(config, seed, folder, tell) for seed in seeds]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from swe_sphere.errors import ConfigError, in_one_line
-from swe_sphere.files.durable import clear_errors, contents_of, write_whole
+from swe_sphere.files.durable import contents_of, translate_errors, write_whole
 from swe_sphere.studies import words
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def check_ours(path: Path, *marks: str, what: str = "is not of a sweep") -> None
 
     marks: by default `MARK`. what: text of the error after the path.
     """
-    with clear_errors(f"cannot write to {path}"):
+    with translate_errors(f"cannot write to {path}"):
         old = contents_of(path) if path.exists() else None
     if old is not None and not any(mark.encode() in old for mark in marks or (MARK,)):
         raise ConfigError(f"out: {path} {what}, and would be replaced: choose another")
@@ -70,7 +70,7 @@ def write_made(out: Path, files: Mapping[str, str]) -> None:
     Raises ConfigError if the folder cannot be created, or a file would be replaced that no sweep
     wrote, and RunFailed if the disk fails; each file remains whole, either old or new.
     """
-    with clear_errors(f"cannot write the report to {out}"):
+    with translate_errors(f"cannot write the report to {out}"):
         out.mkdir(parents=True, exist_ok=True)
     made = {out / name: text if MARK in text else f"{text}{MARK}\n" for name, text in files.items()}
     for path in made:

@@ -20,7 +20,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 from swe_sphere.settings.values import read_toml
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies import words
-from swe_sphere.studies.report.ranking import FAILED, Metric, with_cost
+from swe_sphere.studies.report.ranking import BROKE_DOWN, Metric, with_cost
 
 FAINT, PALE = "#6e7781", "#d0d7de"
 STYLE = Path(__file__).with_name("templates") / "figures.mplstyle"
@@ -153,7 +153,7 @@ class Curves(NamedTuple):
         shown, known, (x, y, floor) = self.shown(runs), looks(runs["stepper"]), self
         if x == "dt":
             _mark_limits(axes, shown)
-            for name, steps in runs[runs["status"].isin(FAILED)].groupby("stepper")["dt"]:
+            for name, steps in runs[runs["status"].isin(BROKE_DOWN)].groupby("stepper")["dt"]:
                 if family in ("", known[name][0]):
                     axes.plot(
                         steps, [0.98] * len(steps), "x", color=known[name][1]["color"],
@@ -190,7 +190,7 @@ def draw_limits(axes: Axes, runs: pd.DataFrame, family: str = "") -> None:
     known = [(name, *of) for name, of in looks(runs["stepper"]).items() if family in ("", of[0])]
     for row, (name, _, look) in enumerate(known):
         own = runs[(runs["stepper"] == name) & (runs["dt"] > 0.0)]
-        good, bad = own["dt"][own["completed"]], own["dt"][own["status"].isin(FAILED)]
+        good, bad = own["dt"][own["completed"]], own["dt"][own["status"].isin(BROKE_DOWN)]
         axes.plot(good, [row] * len(good), markersize=4.0, linewidth=0.8, **look)
         axes.plot(bad, [row] * len(bad), "x", markersize=4.0, color=look["color"])
         if math.isfinite(limit := own["stable_dt"].astype(float).max()):

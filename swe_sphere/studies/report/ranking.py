@@ -33,7 +33,7 @@ LINES = ("-", "--", ":", "-.")
 VARIANT = ("preconditioner", "precision", "device", "settings")
 """Settings that distinguish the curves of one stepper."""
 MOST_TARGETS = 5
-FAILED = ("unstable", "solver-failed")
+BROKE_DOWN = ("unstable", "solver-failed")
 """Status of runs whose scheme failed."""
 ANSWERED = {"slow": ("vorticity", "h", "v"), "total": ("h", "v", "vorticity"),
             "time": ("h", "v", "vorticity")}  # fmt: skip
