@@ -544,3 +544,14 @@ def test_a_checkpoint_of_a_changed_state_in_a_callback_resumes_bit_for_bit(tmp_p
     resumed = Simulation.from_checkpoint(path)
     resumed.run(days=0.125)
     assert sim.state.h.equals(resumed.state.h) and sim.state.u.equals(resumed.state.u)
+
+
+def test_a_diagnostic_of_other_numbers_is_computed_where_the_state_is_not_a_number():
+    @diagnostic
+    def twice(sim):
+        return 2.0 * sim.diagnostics["mass"]
+
+    sim = small()
+    sim.step()
+    sim.stepper.state.fill_(np.nan)
+    assert np.isnan(sim.diagnostics["twice"])

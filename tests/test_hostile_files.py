@@ -108,6 +108,15 @@ def test_a_preconditioner_among_the_settings_is_executed_with_trust_only(swe, ru
         Simulation.from_checkpoint("other.nc", trust=["mine.py"])
 
 
+@pytest.mark.parametrize("kind", ["stepper", "preconditioner"])
+def test_a_picture_needs_and_executes_no_method(swe, run_with, kind):
+    run_with(kind)
+    assert swe("plot", "run.nc", "--compare=exact") == (0, "")
+    assert not executed()
+    Path("mine.py").unlink()
+    assert swe("plot", "run.nc", "--compare=exact", "--overwrite") == (0, "")
+
+
 def test_a_picture_executes_no_scene(swe, run_with):
     run_with("scene")
     status, told = swe("plot", "run.nc", "--compare=exact")

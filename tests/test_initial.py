@@ -280,3 +280,5 @@ def test_a_lake_at_rest_stays_at_rest_on_another_mesh_and_over_another_bottom():
     flat = Simulation("williamson2", ne=3, np=5).state
     over = Simulation("williamson5", ne=3, np=5, initial=flat)
     assert np.allclose(over.start["h"] + over.start["b"], flat.h, rtol=1e-14)
+    back = Simulation("williamson2", ne=3, np=5, initial=over.state)
+    assert np.allclose(back.start["h"], flat.h, rtol=1e-14)

@@ -94,7 +94,7 @@ def _against(file: Path, other: str, trust: Iterable[Path]) -> Source | Exact:
     from swe_sphere.io.runfile import RunFile, table_in
     from swe_sphere.simulation.build import make_scene
     from swe_sphere.simulation.config import make_config
-    from swe_sphere.simulation.restart import OF_SCENE, identity
+    from swe_sphere.simulation.restart import of_scene
 
     run = RunFile(file)
     settings = table_in(str(run.attributes.get("configuration")))
@@ -105,10 +105,9 @@ def _against(file: Path, other: str, trust: Iterable[Path]) -> Source | Exact:
             f"{file} began from {origin} and has no exact solution: compare with another file"
         )
     check_trusted(settings["scene"], file, trust)
-    config, theirs = make_config(settings), table_in(str(run.attributes.get("identity")))
-    scene = make_scene(config)
-    ours = json.loads(json.dumps(identity(config, scene, run.mesh)))
-    if any(ours[name] != theirs.get(name) for name in OF_SCENE):
+    scene, theirs = make_scene(make_config(settings)), run.attributes.get("identity")
+    ours, known = json.loads(json.dumps(of_scene(scene))), table_in(str(theirs))
+    if any(value != known.get(name) for name, value in ours.items()):
         raise ConfigError(f"{file} is of a scene made in Python: compare with another file")
     return Exact(scene, run.mesh)
 

@@ -39,12 +39,6 @@ def is_custom(kind: Any) -> bool:
     return not str(getattr(kind, "__module__", "")).startswith("swe_sphere.")
 
 
-def file_or_name(cls: Any) -> str:
-    """Return what names a class: the file that `load_file` executed, otherwise its name."""
-    file = getattr(sys.modules.get(getattr(cls, "__module__", "")), "__file__", None)
-    return str(file if file in _LOADED else getattr(cls, "name", cls))
-
-
 def load_file(path: Path, what: str) -> ModuleType:
     """Execute a file and return it as a module; what: its contents, for messages.
 

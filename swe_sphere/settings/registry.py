@@ -24,6 +24,11 @@ def first_line(documented: Any) -> str:
     return next(iter((documented.__doc__ or "").strip().splitlines()), "")
 
 
+def file_or_name(cls: Any) -> str:
+    """Return what `Registry.find` accepts for a class: the file it was found in, or its name."""
+    return str(getattr(cls, "__dict__", {}).get("found_in", getattr(cls, "name", cls)))
+
+
 class Registry(UserDict[str, type[T]]):
     """The classes of one kind by name, in a defined order.
 
@@ -91,5 +96,6 @@ class Registry(UserDict[str, type[T]]):
                 raise ConfigError(
                     f"{path} must define one {self.kind}, a class with a name; it has {names}"
                 )
+            found[0].found_in = str(place)  # type: ignore[attr-defined]
             self._files[place] = contents, found[0]
         return self._files[place][1]

@@ -22,7 +22,6 @@ from swe_sphere.equations.effects import Effect
 from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.errors import ConfigError, shown
 from swe_sphere.files.durable import translate_errors
-from swe_sphere.files.user_file import file_or_name
 from swe_sphere.io.scalar_fields import evaluate
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.mesh import check_settings
@@ -30,6 +29,7 @@ from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.planet import DAY
 from swe_sphere.ranks.communicator import world
 from swe_sphere.ranks.limits import available_memory
+from swe_sphere.settings.registry import file_or_name
 from swe_sphere.settings.values import SCENE, STEPPER, convert, read_settings, read_toml
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.restart import OF_ONE_RUN
@@ -362,8 +362,8 @@ class Initial:
         """
         u, v = self._at("wind", lon, lat) if moves else (0.0, 0.0)
         h = self._at("h", lon, lat)
-        if bottom is not None and "b" in self._fields:
-            h = h + (self._at("b", lon, lat) - bottom(lon, lat))  # zero on the same mesh
+        if "b" in self._fields:  # adds zero on the same mesh
+            h = h + (self._at("b", lon, lat) - (bottom(lon, lat) if bottom else 0.0))
         return u, v, h
 
     def _at(self, name: str, lon: Array, lat: Array) -> Array:

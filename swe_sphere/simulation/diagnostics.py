@@ -63,7 +63,7 @@ class Snapshot:
 
     def is_current(self) -> bool:
         """Return whether the state has not changed since its fields were computed."""
-        return self._seen is None or np.array_equal(self._seen, self.state.numpy())
+        return self._seen is None or np.array_equal(self._seen, self.state.numpy(), True)
 
     @cached_property
     def all_fields(self) -> Fields:

@@ -36,9 +36,6 @@ OF_ONE_RUN = {
 }  # fmt: skip
 """Fields of a configuration that belong to one run, and what in Python accepts them."""
 
-OF_SCENE = ("scene", "scene_parameters", "effects", "planet", "own_functions")
-"""Names of what `identity` states of the scene."""
-
 INHERITED = RunConfig.model_fields.keys() - {
     *OF_ONE_RUN, "scene", "reference", "time_limit", "trust",
 }  # fmt: skip
@@ -273,16 +270,22 @@ def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
     from swe_sphere.steppers import get_stepper
 
     methods = {"stepper": config.stepper, "preconditioner": config.chosen_preconditioner}
-    functions = {name: getattr(value, "function", None) for name, value in vars(scene).items()}
-    own = ", ".join(name for name, each in functions.items() if each and is_custom(each))
     return {
         "scene": scene.name, "stepper": get_stepper(config.stepper).name, "ne": mesh.ne,
         "np": mesh.np, "stretch": mesh.stretch, "centre": [*mesh.centre], "spin": mesh.spin,
-        "precision": config.precision, "tracer_steps": config.tracer_steps,
-        "scene_parameters": dict(scene.parameters),
+        "precision": config.precision, "tracer_steps": config.tracer_steps, **of_scene(scene),
+        "sources": run_sources(config.scene, scene, config.diagnostics, **methods),
+    }  # fmt: skip
+
+
+def of_scene(scene: Scene) -> dict[str, object]:
+    """Return what `identity` states of the scene."""
+    functions = {name: getattr(value, "function", None) for name, value in vars(scene).items()}
+    own = ", ".join(name for name, each in functions.items() if each and is_custom(each))
+    return {
+        "scene": scene.name, "scene_parameters": dict(scene.parameters),
         "effects": {effect.name: asdict(effect) for effect in scene.effects},
         "planet": asdict(scene.planet), "own_functions": own,
-        "sources": run_sources(config.scene, scene, config.diagnostics, **methods),
     }  # fmt: skip
 
 

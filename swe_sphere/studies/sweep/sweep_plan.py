@@ -10,7 +10,8 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from swe_sphere.equations.scene import MOST_ELEMENTS, Scene
 from swe_sphere.errors import ConfigError, unknown_name
-from swe_sphere.files.user_file import file_or_name, is_custom, is_user_file
+from swe_sphere.files.user_file import is_custom, is_user_file
+from swe_sphere.settings.registry import file_or_name
 from swe_sphere.settings.values import (
     by_field,
     flag_of,
