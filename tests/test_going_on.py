@@ -490,7 +490,7 @@ def test_a_file_does_not_replace_the_diagnostic_of_another_file(tmp_path):
     for number, file in enumerate(files):
         file.write_text(text.format(number))
     one = small(diagnostics=files[:1])
-    with pytest.raises(ConfigError, match="another file has a diagnostic 'kk'"):
+    with pytest.raises(ConfigError, match=r"another file has a diagnostic 'kk', .*one\.py: rename"):
         small(diagnostics=files[1:])
     assert one.run(days=0.125)["kk"] == 0.0
     files[0].write_text(text.format(3))

@@ -107,7 +107,7 @@ def _against(file: Path, other: str, trust: Iterable[Path]) -> Source | Exact:
     check_trusted(settings["scene"], file, trust)
     scene, theirs = make_scene(make_config(settings)), run.attributes.get("identity")
     ours, known = json.loads(json.dumps(of_scene(scene))), table_in(str(theirs))
-    if any(value != known.get(name) for name, value in ours.items()):
+    if any(value != known.get(name, value) for name, value in ours.items()):
         raise ConfigError(f"{file} is of a scene made in Python: compare with another file")
     return Exact(scene, run.mesh)
 

@@ -302,7 +302,8 @@ def diagnostic(
     before, module = DIAGNOSTICS.get(called), str(getattr(function, "__module__", ""))
     other = "" if before is None else str(getattr(before.function, "__module__", ""))
     if other.startswith("user_") and module.startswith("user_") and other != module:
-        raise ConfigError(f"another file has a diagnostic {called!r}: rename one of them")
+        file = getattr(before and before.function, "__globals__", {}).get("__file__")
+        raise ConfigError(f"another file has a diagnostic {called!r}, {file}: rename one of them")
     words = long_name or first_line(function) or called
     DIAGNOSTICS[called] = Diagnostic(called, function, units, words)
     return function
