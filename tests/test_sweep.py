@@ -445,10 +445,10 @@ def test_the_longest_stable_step_is_that_of_theory():
 def with_noise(share, **mesh):
     """How a run ends that is repeated with noise, with a part of the stable step."""
     study = Study(make_plan({"scene": "williamson2", "steppers": "rk4", "ne": 2, "np": 4} | mesh))
-    (integrator,) = study.integrators()
-    spec = integrator.spec(share * integrator.stable_dt, "stability")
+    (setup,) = study.setups()
+    spec = setup.spec(share * setup.stable_dt, "stability")
     spec = replace(spec, plan=replace(spec.plan, steps=32))
-    sim = integrator.space.simulation(spec.config)
+    sim = setup.space.simulation(spec.config)
     sim.begin(spec.plan)
     assert sim.run_plan().completed
     return runner.perturbed(spec, sim, None, None)

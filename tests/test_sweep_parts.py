@@ -174,7 +174,7 @@ def test_steps_meet_all_report_times():
     assert study.interval == 0.5 * DAY
     steps = study.plan_steps(1000.0)
     assert 0.5 * DAY / steps.dt == pytest.approx(round(0.5 * DAY / steps.dt))
-    run = study.integrators()[0].spec(1000.0)
+    run = study.setups()[0].spec(1000.0)
     counts = np.array(run.report_days) * DAY / run.dt
     assert run.report_days == (1.0, 2.5, 5.0) and np.allclose(counts, np.round(counts))
     assert round(counts[-1]) == steps.steps

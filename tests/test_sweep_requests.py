@@ -257,7 +257,7 @@ def test_a_second_search_over_a_shorter_time_has_its_own_answer(tmp_path):
 def test_steps_are_run_from_the_longest_to_the_shortest_in_any_order_of_the_request():
     plan = {"scene": "williamson2", "steppers": "rk4", "ne": 2, "np": 4, "days": 0.5}
     study = Study(make_plan(plan | {"dt": [600.0, 1800.0, 1200.0]}))
-    assert [run.dt for run in study.integrators()[0].grid()] == [1800.0, 1200.0, 600.0]
+    assert [run.dt for run in study.setups()[0].grid()] == [1800.0, 1200.0, 600.0]
 
 
 def test_a_reference_run_of_two_pairs_is_made_once(tmp_path, monkeypatch):

@@ -319,11 +319,9 @@ def test_no_period_of_a_wind_hides_its_strength_from_automatic_steps() -> None:
 
 def test_steps_of_a_sweep_know_the_strongest_wind_of_the_run() -> None:
     plan = {"ne": [4], "np": [4], "steppers": ["leapfrog"], "days": 1.0, "dt": [3600.0]}
-    (integrator,) = Study(
-        make_plan({"scene": "deformational"} | plan), swelling_wind(4.0)
-    ).integrators()
+    (setup,) = Study(make_plan({"scene": "deformational"} | plan), swelling_wind(4.0)).setups()
     sim = Simulation(swelling_wind(4.0), ne=4, np=4, stepper="leapfrog", days=1.0)
-    assert integrator.stable_dt == sim.stable_dt() < 2e4
+    assert setup.stable_dt == sim.stable_dt() < 2e4
 
 
 def swelling_wind(period: float) -> Scene:

@@ -26,9 +26,9 @@ from swe_sphere.studies.sweep.runner import Evaluator, Runner, SweepWatcher
 from swe_sphere.studies.sweep.runs import (
     TRIAL_DAYS,
     TRIAL_STEPS,
-    Integrator,
     NoStepError,
     RunSpec,
+    Setup,
     Study,
     longest_accurate,
     longest_working,
@@ -52,7 +52,7 @@ NEAR_BEST = 1.5
 """Runs up to this many times the time of the cheapest accurate run are timed again."""
 
 Part = tuple[int, int | None]
-"""A task of one process: number of an integrator, and index in its grid, or None for searches."""
+"""A task of one process: number of a setup, and index in its grid, or None for searches."""
 
 
 def sweep(
@@ -152,7 +152,7 @@ class Sweep:
                 watcher.note(stale)
         self._runner = Runner(study, store, watcher, plan.jobs if beside else 1)
         self._evaluator = Evaluator(study, self._runner, folder)
-        self._everyone = study.integrators()
+        self._everyone = study.setups()
 
     def run(self) -> None:
         """Run all missing runs; Interrupted if the user stops them, RunFailed if the disk fails."""
@@ -176,8 +176,8 @@ class Sweep:
                 self._search(self._everyone)
             else:
                 self._grid([each.grid() for each in self._everyone])
-            for integrator in self._everyone:
-                self._find_limit(integrator)
+            for setup in self._everyone:
+                self._find_limit(setup)
 
     def _parts(self) -> list[Part]:
         """Return all parts; the shortest steps come first, so that they do not delay the end."""
@@ -185,21 +185,21 @@ class Sweep:
         whole: list[Part] = [(n, None) for n, _ in everyone if search or self._plan.find_limit]
         if search:
             return whole
-        places = [(n, i) for n, integrator in everyone for i in range(len(integrator.grid()))]
+        places = [(n, i) for n, setup in everyone for i in range(len(setup.grid()))]
         return [*sorted(places, key=itemgetter(1), reverse=True), *whole]
 
     def make(self, part: Part) -> None:
         """Run a part of all runs."""
         number, place = part
-        integrator = self._everyone[number]
+        setup = self._everyone[number]
         if place is not None:
-            self._grid([[integrator.grid()[place]]])
+            self._grid([[setup.grid()[place]]])
         else:
-            self._search([integrator])
-            self._find_limit(integrator)
+            self._search([setup])
+            self._find_limit(setup)
 
     def _grid(self, grids: list[list[RunSpec]]) -> None:
-        """Run the longest step of each integrator first, then the next of each, and so on."""
+        """Run the longest step of each setup first, then the next of each, and so on."""
         runs = [run for each in zip_longest(*grids) for run in each if run]
         self._watcher.expect(len(runs))
         for run in runs:
@@ -232,19 +232,19 @@ class Sweep:
         agree = wanted < 2 or (len(times) > 1 and times[1] <= (1.0 + REPEATABLE) * times[0])
         return len(times) < (wanted if agree else MOST_REPEATS * wanted)
 
-    def _find_limit(self, integrator: Integrator) -> None:
+    def _find_limit(self, setup: Setup) -> None:
         """Search for the longest stable step, if the plan asks for it."""
-        if not self._plan.find_limit or integrator.refusal is not None:
+        if not self._plan.find_limit or setup.refusal is not None:
             return
         study = self._study
-        limit, gravity = integrator.stable_dt, integrator.space.limits["gravity_limit"]
+        limit, gravity = setup.stable_dt, setup.space.limits["gravity_limit"]
         known, longest = math.isfinite(limit), min(study.interval, 0.5 * study.days * DAY)
         guess = limit if known else 8.0 * gravity
         ends: set[str] = set()
 
         def works(dt: float) -> bool:
             self._watcher.expect(1)
-            status = self._runner.run(integrator.spec(dt, "stability")).status
+            status = self._runner.run(setup.spec(dt, "stability")).status
             ends.add(status)
             return status == "completed"
 
@@ -252,21 +252,21 @@ class Sweep:
         found = longest_working(works, guess, shortest, longest, growth)
         trial = TRIAL_STEPS, max(study.days, TRIAL_DAYS), limit if known else None
         sentence = prose("stable_step", found, longest, gravity, *trial, "timed-out" in ends)
-        self._watcher.note(f"{integrator.label}: {sentence}")
+        self._watcher.note(f"{setup.label}: {sentence}")
 
-    def _search(self, everyone: list[Integrator]) -> None:
+    def _search(self, everyone: list[Setup]) -> None:
         """Search for the errors of the plan, the largest first; then time the cheapest runs."""
         good: dict[RunSpec, None] = {}
-        for left, integrator in zip(range(len(everyone), 0, -1), everyone, strict=True):
+        for left, setup in zip(range(len(everyone), 0, -1), everyone, strict=True):
             tried: dict[RunSpec, RunRecord] = {}
             end = self._runner.spent + SEARCHING * self._left / left
             for target in sorted(self._plan.target_error, reverse=True):
-                reason = self._longest_accurate(integrator, target, tried, end)
+                reason = self._longest_accurate(setup, target, tried, end)
                 costs = {run: of.seconds for run, of in tried.items() if self._error(of) <= target}
                 best = min(filter(math.isfinite, costs.values()), default=math.inf)
                 good |= dict.fromkeys(run for run in costs if not costs[run] > NEAR_BEST * best)
                 if not costs:
-                    self._watcher.note(f"{integrator.label}: {reason}")
+                    self._watcher.note(f"{setup.label}: {reason}")
                     break
         self._runner.time_limit = self._plan.time_limit
         self._time([*good])
@@ -277,17 +277,17 @@ class Sweep:
         return math.inf if self._plan.budget is None else self._plan.budget - self._runner.spent
 
     def _longest_accurate(
-        self, integrator: Integrator, target: float, tried: dict[RunSpec, RunRecord], end: float
+        self, setup: Setup, target: float, tried: dict[RunSpec, RunRecord], end: float
     ) -> str:
         """Search along the step until the time `end` [s] is spent; the runs are left in `tried`.
 
         Returns why no step has the error, in words; empty if one has.
         """
-        if integrator.refusal is not None:
-            return integrator.refusal
+        if setup.refusal is not None:
+            return setup.refusal
 
         def error(dt: float) -> float:
-            run = integrator.spec(dt, "target")
+            run = setup.spec(dt, "target")
             left = min(end - self._runner.spent, self._plan.time_limit or math.inf)
             if run not in tried and left <= 0.0:
                 raise NoStepError(f"no step is accurate enough within its share of {budget}")
@@ -299,9 +299,9 @@ class Sweep:
                 raise NoStepError(f"dt = {dt:.4g} s: {record.reason}")
             return self._error(record)
 
-        limits, budget = integrator.space.limits, f"{self._plan.budget or math.inf:g} s"
+        limits, budget = setup.space.limits, f"{self._plan.budget or math.inf:g} s"
         longest = max(part * limits[name] for name, part in LONGEST_SEARCHED.items())
-        longest = min(longest, integrator.safe_dt, self._study.interval)
+        longest = min(longest, setup.safe_dt, self._study.interval)
         shortest = min(longest, limits["gravity_limit"]) / SHORTEST_SEARCHED
         try:
             longest_accurate(error, target, longest, shortest)

@@ -33,7 +33,7 @@ from swe_sphere.simulation.summary import Summary
 from swe_sphere.steppers.stage_solver import energy_weights
 from swe_sphere.studies.record_store import UNEXPECTED, Store, as_netcdf, stepped
 from swe_sphere.studies.sweep.record import COMPARED, COUNTS, Errors, RunRecord, current
-from swe_sphere.studies.sweep.runs import Discretisation, History, Integrator, RunSpec, Study
+from swe_sphere.studies.sweep.runs import Discretisation, History, RunSpec, Setup, Study
 
 KEPT = ("u", "v", "h", "vorticity")
 """Fields of a state whose errors are computed."""
@@ -176,7 +176,7 @@ def _begun(spec: RunSpec) -> Simulation:
     """Return the started simulation of a run; ConfigError if the run is known to be impossible."""
     if spec.refusal is not None:
         raise ConfigError(spec.refusal)
-    sim = spec.integrator.space.simulation(spec.config)
+    sim = spec.setup.space.simulation(spec.config)
     sim.begin(spec.plan)
     return sim
 
@@ -194,7 +194,7 @@ class Runner:
         self.time_limit = study.plan.time_limit
         """Wall time of the steps of a run [s]."""
         self.read(store)
-        self._warm: set[Integrator] = set()
+        self._warm: set[Setup] = set()
         self.interruption = Interruption()
         self.spent = 0.0
         """Wall time of the steps of all new runs [s]."""
@@ -238,7 +238,7 @@ class Runner:
         record = self.known(spec, repeat)
         if record is None:
             record, fields = self.make(spec, self.time_limit, repeat)
-            errors = evaluate(spec.integrator.space, fields) if evaluate else []
+            errors = evaluate(spec.setup.space, fields) if evaluate else []
             record = self.keep(record.model_copy(update={"errors": errors}))
         self._watcher.completed |= record.status == "completed" and spec.role in COMPARED
         self._watcher.done()
@@ -251,21 +251,21 @@ class Runner:
         self.interruption.check()
         self._watcher.begin(spec)
         compiled = 0.0
-        if spec.integrator not in self._warm and spec.refusal is None:
-            self._warm.add(spec.integrator)
+        if spec.setup not in self._warm and spec.refusal is None:
+            self._warm.add(spec.setup)
             compiled = warm_up(spec)
         ended, fields = run_timed(spec, self.interruption, time_limit, self._watcher.tick)
         numbers = ended.numbers
         self.spent += numbers.get("wall_seconds", 0.0)
         if "compile_seconds" in numbers:
             numbers["compile_seconds"] += compiled
-        limit = {} if spec.integrator.refusal else {"stable_dt": spec.integrator.stable_dt}
+        limit = {} if spec.setup.refusal else {"stable_dt": spec.setup.stable_dt}
         untold = dict.fromkeys(TIMES if self._jobs > 1 else ())
         record = RunRecord(
             key=spec.key, repeat=repeat, role=spec.role, config=spec.resolved,
             status=ended.status, reason=ended.reason or "",
-            numbers=numbers | spec.integrator.space.limits | limit | untold, errors=[],
-            time_limit=time_limit, sources=self._sources | spec.integrator.sources,
+            numbers=numbers | spec.setup.space.limits | limit | untold, errors=[],
+            time_limit=time_limit, sources=self._sources | spec.setup.sources,
             jobs=self._jobs,
         )  # fmt: skip
         return record, fields
@@ -321,8 +321,8 @@ class Evaluator:
         if key not in self._converged:
             study = self._study
             at, settings = study.at(*key), space.config.scene_settings
-            integrator = study.integrator(at, STEPPER, settings=settings)
-            longest = 2.0 * PART * integrator.stable_dt
+            setup = study.setup(at, STEPPER, settings=settings)
+            longest = 2.0 * PART * setup.stable_dt
             twice = study.plan_steps(min(longest, study.interval), automatic=True)
             plans = [
                 replace(twice, dt=twice.dt / n, steps=n * twice.steps,
@@ -332,8 +332,7 @@ class Evaluator:
             best: RunSpec | None = None
             for pair in pairwise(plans):
                 coarse, fine = (
-                    RunSpec(integrator, steps.dt, steps, "converged", integrator.refusal)
-                    for steps in pair
+                    RunSpec(setup, steps.dt, steps, "converged", setup.refusal) for steps in pair
                 )
                 if self._kept(fine) is None:
                     if best is not None and (self._runner.has_compared or self._resolves(best)):
@@ -356,13 +355,13 @@ class Evaluator:
         """Make both runs, and store time errors from their difference."""
         made = {spec: self._make(spec) for spec in (coarse, fine)}
         ours, right = (fields for _, fields in made.values())
-        integrator, space = fine.integrator, fine.integrator.space
+        setup, space = fine.setup, fine.setup.space
         days = [day for day in ours if day in right]
         apart = {
             kind: {day: errors(space.sim.model, ours[day], right[day]) for day in days}
             for kind, errors in self._errors.items()
         }
-        gain = 2.0 ** integrator.kind.order_in(space.sim.model, **integrator.options)
+        gain = 2.0 ** setup.kind.order_in(space.sim.model, **setup.options)
         for spec, share in ((coarse, gain / (gain - 1.0)), (fine, 1.0 / (gain - 1.0))):
             record, fields = made[spec]
             errors = self._total_errors(space, fields)

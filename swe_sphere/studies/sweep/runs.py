@@ -1,7 +1,7 @@
 """The runs of a sweep: a scene on its meshes, steppers on these, steps; settings and keys.
 
 A `SweepPlan` (the request) becomes a `Study`. This has a `Discretisation` for each mesh and
-precision, an `Integrator` for each stepper on it, and a `RunSpec` for each step of the integrator.
+precision, a `Setup` for each stepper on it, and a `RunSpec` for each step of the setup.
 `Sweep` (engine.py) decides which of these runs are needed; `Runner` (runner.py) performs them and
 stores a `RunRecord` (record.py) of each; `Evaluator` computes their errors.
 """
@@ -283,7 +283,7 @@ class Study:
         """Return all meshes and precisions of the plan."""
         return [self.at(*of) for of in product(self.ne, self.np, self.plan.precision)]
 
-    def integrators(self) -> list[Integrator]:
+    def setups(self) -> list[Setup]:
         """Return the steppers with each preconditioner, mesh by mesh.
 
         Steppers without a preconditioner appear once, and without tolerance.
@@ -294,15 +294,15 @@ class Study:
             tolerance = self.plan.tolerance if "tolerance" in takes else None
             names = self.plan.preconditioner if "preconditioner" in takes else ()
             found += [
-                self.integrator(space, stepper, tolerance=tolerance, preconditioner=name)
+                self.setup(space, stepper, tolerance=tolerance, preconditioner=name)
                 for name in names or (None,)
             ]
         return [*dict.fromkeys(found)]
 
-    def integrator(self, space: Discretisation, stepper: str, **options: object) -> Integrator:
+    def setup(self, space: Discretisation, stepper: str, **options: object) -> Setup:
         """Return a stepper on a mesh."""
         chosen = {"stepper": stepper, **options}
-        return Integrator(space.config.model_copy(update=chosen), space, self)
+        return Setup(space.config.model_copy(update=chosen), space, self)
 
     def plan_steps(self, dt: float, automatic: bool = False) -> planning.RunPlan:
         """Return steps of at most dt [s] that meet all report times; ConfigError if no step does.
@@ -375,8 +375,8 @@ class Study:
 
 
 @dataclass(frozen=True)
-class Integrator:
-    """All settings of a run except its step; integrators with equal settings are equal."""
+class Setup:
+    """All settings of a run except its step; setups with equal settings are equal."""
 
     config: RunConfig
     """Mesh, precision, stepper and its options."""
@@ -459,7 +459,7 @@ class Integrator:
 class RunSpec:
     """One run; runs with equal settings are equal."""
 
-    integrator: Integrator
+    setup: Setup
     dt: float
     """The step [s]."""
     plan: planning.RunPlan | None = field(compare=False)
@@ -471,23 +471,23 @@ class RunSpec:
     @property
     def label(self) -> str:
         """The setting in words."""
-        return f"{self.integrator.label}, dt {self.dt:.5g} s"
+        return f"{self.setup.label}, dt {self.dt:.5g} s"
 
     @cached_property
     def config(self) -> RunConfig:
         """The configuration, complete: with the step and the length."""
-        changes = {"dt": self.dt, "days": self.integrator.study.days}
-        return self.integrator.config.model_copy(update=changes)
+        changes = {"dt": self.dt, "days": self.setup.study.days}
+        return self.setup.config.model_copy(update=changes)
 
     @property
     def report_days(self) -> tuple[float, ...]:
         """Times of errors [days]; none in a trial of stability."""
-        return () if self.role == "stability" else self.integrator.study.report_days
+        return () if self.role == "stability" else self.setup.study.report_days
 
     @cached_property
     def key(self) -> str:
         """Hash of all settings, files and code that affect the result."""
-        of, study = self.integrator, self.integrator.study
+        of, study = self.setup, self.setup.study
         return fingerprint([
             of.space.identity, of.config.stepper, of.options, repr(self.dt), study.days,
             self.report_days, study.error_identity(self.role), of.sources,
@@ -496,8 +496,8 @@ class RunSpec:
     @property
     def resolved(self) -> RunConfig:
         """The configuration with the stepper of a file by name, and with its preconditioner."""
-        stepper, kind = self.config.stepper, self.integrator.kind
-        chosen = self.integrator.options.get("preconditioner") or self.config.preconditioner
+        stepper, kind = self.config.stepper, self.setup.kind
+        chosen = self.setup.options.get("preconditioner") or self.config.preconditioner
         named = kind.name if is_user_file(stepper) else stepper
         return self.config.model_copy(update={"stepper": named, "preconditioner": chosen})
 
