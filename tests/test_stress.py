@@ -23,12 +23,12 @@ from swe_sphere.studies.cases import (
     Measure,
     Row,
     choose,
-    families,
+    groups,
     page,
     run_cases,
 )
 from swe_sphere.studies.cases import measure as measuring
-from swe_sphere.studies.cases.case import DEFAULTS, read_family
+from swe_sphere.studies.cases.case import DEFAULTS, read_group
 from swe_sphere.studies.cases.measure import SYMMETRIES, Series
 from swe_sphere.studies.cases.scenes import (
     FASTEST,
@@ -42,7 +42,7 @@ from swe_sphere.testcases import get_scene
 ROOT = Path(__file__).parents[1]
 
 
-GROUPS = families("stability")
+GROUPS = groups("stability")
 CASES = choose("stability")
 
 
@@ -258,7 +258,7 @@ random = 10
 
 def test_a_table_is_a_trial_for_each_stepper(tmp_path) -> None:
     (tmp_path / "calm.toml").write_text(GROUP)
-    group = read_family(tmp_path / "calm.toml", DEFAULTS["stability"])
+    group = read_group(tmp_path / "calm.toml", DEFAULTS["stability"])
     cases = {case.name: case for case in group.cases}
     imex = [name for name, kind in STEPPERS.items() if kind.family == "imex"]
     explicit = [name for name, kind in STEPPERS.items() if kind.family == "explicit"]
@@ -295,7 +295,7 @@ def test_a_table_is_a_trial_for_each_stepper(tmp_path) -> None:
 def test_a_file_that_is_not_as_the_schema_says(tmp_path, old, new, complaint) -> None:
     (tmp_path / "calm.toml").write_text(GROUP.replace(old, new))
     with pytest.raises(ConfigError, match=complaint):
-        read_family(tmp_path / "calm.toml")
+        read_group(tmp_path / "calm.toml")
 
 
 def test_every_case_can_be_run() -> None:
@@ -319,7 +319,7 @@ def test_names_are_unique_and_every_stepper_is_tried() -> None:
 
 def test_choosing() -> None:
     chosen = choose("stability", ["noise", "steady"], ["fully-implicit", "rk4"])
-    assert [*dict.fromkeys(case.family for case in chosen)] == ["noise", "steady"]
+    assert [*dict.fromkeys(case.group for case in chosen)] == ["noise", "steady"]
     assert {case.stepper for case in chosen} == {"tr-bdf2", "rk4"}
     with pytest.raises(ConfigError, match="did you mean 'noise'"):
         choose("stability", ["noize"])
@@ -397,7 +397,7 @@ def test_the_quick_form_passes(tmp_path, capsys) -> None:
     assert told["passed"] >= 12
     assert told["refused"] + told["stopped"] >= 3
     assert json.loads((tmp_path / "page.json").read_text()) == told
-    groups = {case.family for case in choose("stability", quick=True)}
+    groups = {case.group for case in choose("stability", quick=True)}
     assert {"steady", "noise", "depth", "random", "guards"} <= groups
 
 

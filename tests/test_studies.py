@@ -12,7 +12,7 @@ from swe_sphere.studies.cases.case import (
     Case,
     Check,
     merged,
-    read_family,
+    read_group,
     read_limits,
 )
 from swe_sphere.studies.cases.scenes import make_scene
@@ -96,7 +96,7 @@ def test_tables_share_what_stands_before_them(tmp_path) -> None:
     file = tmp_path / "cases.toml"
     tables = '[[case]]\nname = "a"\nrun = {np = 6}\n[[case]]\nname = "b"\n'
     file.write_text(f'title = "T"\nshared.run = {{ne = 4}}\n{tables}')
-    family = read_family(file, {"run": {"ne": 8, "days": 2.0}})
+    family = read_group(file, {"run": {"ne": 8, "days": 2.0}})
     assert (family.name, family.title) == ("cases", "T")
     assert [dict(case.run) for case in family.cases] == [
         {"ne": 4, "np": 6, "days": 2.0},
@@ -104,10 +104,10 @@ def test_tables_share_what_stands_before_them(tmp_path) -> None:
     ]
     file.write_text('title = "T"\n[[trial]]\n')
     with pytest.raises(ConfigError, match=r"must be tables \[\[case\]\]"):
-        read_family(file)
+        read_group(file)
     file.write_text('[[case]]\nname = "a"\nrun = "four"\n')
     with pytest.raises(ConfigError, match=r"cases\.toml: run: .* dict"):
-        read_family(file)
+        read_group(file)
 
 
 @pytest.mark.parametrize(
@@ -125,4 +125,4 @@ def test_keys_of_a_case_that_would_be_ignored_are_refused(keys, complaint, tmp_p
     file = tmp_path / "cases.toml"
     file.write_text(f'[[case]]\nname = "a"\nrun.scene = "lauter"\n{keys}\n')
     with pytest.raises(ConfigError, match=rf"cases\.toml: .*{complaint}"):
-        read_family(file)
+        read_group(file)

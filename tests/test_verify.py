@@ -27,7 +27,7 @@ from swe_sphere.studies.cases import (
     verify,
 )
 from swe_sphere.studies.cases import measure as measuring
-from swe_sphere.studies.cases.case import DEFAULTS, read_family
+from swe_sphere.studies.cases.case import DEFAULTS, read_group
 from swe_sphere.studies.cases.measure import measure
 from swe_sphere.studies.cases.scenes import decay, homme_mountain, homme_wave
 from swe_sphere.studies.record_store import Store, locked
@@ -180,11 +180,11 @@ bounds.mass_drift = inf
 @pytest.fixture
 def easy(tmp_path) -> list[Case]:
     (tmp_path / "cases.toml").write_text(CASE)
-    return [*read_family(tmp_path / "cases.toml", DEFAULTS["verification"]).cases[:3]]
+    return [*read_group(tmp_path / "cases.toml", DEFAULTS["verification"]).cases[:3]]
 
 
 def test_cases_in_a_file(easy, tmp_path) -> None:
-    family = read_family(tmp_path / "cases.toml", DEFAULTS["verification"])
+    family = read_group(tmp_path / "cases.toml", DEFAULTS["verification"])
     (*_, none) = family.cases
     assert (family.title, none.name) == ("Two", "none")
     assert none.bounds == {"mass_drift": math.inf} and none.checks == []
@@ -214,7 +214,7 @@ def test_cases_in_a_file(easy, tmp_path) -> None:
 def test_a_file_that_is_not_as_the_schema_says(tmp_path, old, new, complaint) -> None:
     (tmp_path / "cases.toml").write_text(CASE.replace(old, new))
     with pytest.raises(ConfigError, match=re.escape(complaint)):
-        read_family(tmp_path / "cases.toml", DEFAULTS["verification"])
+        read_group(tmp_path / "cases.toml", DEFAULTS["verification"])
 
 
 def changed(case: Case, **changes: Any) -> Case:

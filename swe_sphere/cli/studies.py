@@ -144,17 +144,17 @@ def _page_file(out: Path, folder: str, quick: bool, words: Sequence[str]) -> Pat
 
 
 def _shown(found: Iterator[Row]) -> Iterator[Row]:
-    """Yield the rows; print each family's table and its failures once the family is complete."""
+    """Yield the rows; print each group's table and its failures once the group is complete."""
     from swe_sphere.studies.cases.rows import cells_of
 
-    for _, group in groupby(found, lambda row: row.case.family):
+    for _, group in groupby(found, lambda row: row.case.group):
         rows = [*group]
         show_line("")
         styles = ["" if row.passed else "bold red" for row in rows]
         cells = [*map(cells_of, rows)]
         heads = [head for head in HEADS if any(of[head] for of in cells)]
         lines = ([of[head] for head in heads] for of in cells)
-        print_table(heads, lines, title=rows[0].case.family, row_styles=styles)
+        print_table(heads, lines, title=rows[0].case.group, row_styles=styles)
         for row in rows:
             if not row.passed:
                 typer.echo(f"{row.case.name}: {row.outcome.upper()}: {row.reason}")

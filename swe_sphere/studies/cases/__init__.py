@@ -2,13 +2,13 @@
 
 from swe_sphere.errors import Interrupted
 from swe_sphere.ranks.communicator import refuse_ranks
-from swe_sphere.studies.cases.case import Case, choose, families
+from swe_sphere.studies.cases.case import Case, choose, groups
 from swe_sphere.studies.cases.measure import Measure
 from swe_sphere.studies.cases.rows import Row, count_outcomes, measured_beside, page, run_cases
 from swe_sphere.studies.jobs import checked_jobs
 
 __all__ = [
-    "Case", "Measure", "Row", "choose", "count_outcomes", "families", "measured_beside", "page",
+    "Case", "Measure", "Row", "choose", "count_outcomes", "groups", "measured_beside", "page",
     "run_cases", "verify",
 ]  # fmt: skip
 

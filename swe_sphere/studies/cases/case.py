@@ -100,7 +100,7 @@ class Case(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
-    family: str = ""
+    group: str = ""
     """Name of the file."""
     title: str = ""
     run: dict[str, Any]
@@ -242,7 +242,7 @@ class Table(Case):
 
 
 @dataclass(frozen=True)
-class Family:
+class Group:
     """The cases of one file, a group of the page."""
 
     name: str
@@ -253,14 +253,14 @@ class Family:
 
 
 @cache
-def families(folder: str) -> Mapping[str, Family]:
-    """Return all families of "verification" or "stability" by name: one for each file."""
+def groups(folder: str) -> Mapping[str, Group]:
+    """Return all groups of "verification" or "stability" by name: one for each file."""
     files = sorted((Path(__file__).parent / folder).glob("*.toml"))
-    return {path.stem: read_family(path, DEFAULTS[folder]) for path in files}
+    return {path.stem: read_group(path, DEFAULTS[folder]) for path in files}
 
 
-def read_family(path: Path, defaults: Mapping[str, Any] | None = None) -> Family:
-    """Return the family in a file: its tables [[case]], each merged with the table [shared].
+def read_group(path: Path, defaults: Mapping[str, Any] | None = None) -> Group:
+    """Return the group in a file: its tables [[case]], each merged with the table [shared].
 
     Raises ConfigError if the file cannot be read, or does not have the form of `Table`.
     """
@@ -268,13 +268,13 @@ def read_family(path: Path, defaults: Mapping[str, Any] | None = None) -> Family
     shared, tables = merged(defaults or {}, whole.pop("shared", {})), whole.pop("case", None)
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ConfigError(f"{path}: there must be tables [[case]]")
-    shared["family"] = path.stem
+    shared["group"] = path.stem
     try:
         read = [Table.model_validate(merged(shared, table)) for table in tables]
         cases = tuple(case for table in read for case in table.cases())
     except ValidationError as error:
         raise ConfigError(f"{path}: {place_and_complaint(error)}") from None
-    return Family(path.stem, whole.get("title", path.stem), whole.get("text", ""), cases)
+    return Group(path.stem, whole.get("title", path.stem), whole.get("text", ""), cases)
 
 
 def choose(
@@ -292,8 +292,8 @@ def choose(
 
     Raises ConfigError for an unknown name or shape, or if no case remains.
     """
-    cases = [case for family in families(folder).values() for case in family.cases]
-    known = [(case.family, case.scene, case.name) for case in cases]
+    cases = [case for group in groups(folder).values() for case in group.cases]
+    known = [(case.group, case.scene, case.name) for case in cases]
     for name in names:
         if not any(name in own for own in known):
             short = dict.fromkeys(each for own in known for each in own[:2])

@@ -16,7 +16,7 @@ from swe_sphere.files.fingerprints import code_fingerprint, versions
 from swe_sphere.settings.values import read_toml
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.summary import finite
-from swe_sphere.studies.cases.case import NORMS, Case, Check, families
+from swe_sphere.studies.cases.case import NORMS, Case, Check, groups
 from swe_sphere.studies.cases.measure import TIMES, Measure, Tick, measure
 from swe_sphere.studies.jobs import in_processes
 from swe_sphere.studies.pages import rendered
@@ -220,8 +220,8 @@ def page(folder: str, rows: Sequence[Row], command: str) -> str:
     # a rerun with a remedy counts only if it fails
     own = [row for row in rows if "+" not in row.case.name or row.outcome == "failed"]
     good = {row.case.name.partition("+")[0] for row in rows if row.passed}
-    for family in families(folder).values():
-        if mine := [row for row in rows if row.case.family == family.name]:
+    for group in groups(folder).values():
+        if mine := [row for row in rows if row.case.group == group.name]:
             # of stability cases, show those that did not pass, and the same cases with a remedy
             hard = {row.case.name for row in mine if folder == "verification" or not row.passed}
             shown = [row for row in mine if row.case.name.partition("+")[0] in hard]
@@ -231,9 +231,9 @@ def page(folder: str, rows: Sequence[Row], command: str) -> str:
             for row in mine:
                 if row.reason and row.outcome not in ("refused", "stopped"):
                     reasons.setdefault(f"{row.outcome}: {row.reason}", []).append(row.case.name)
-            sections.append((family, [*table], table.values, mine, reasons))
-            numbers = [*count_outcomes({*own} & {*mine}).values(), len(family.cases) - len(mine)]
-            summary.append([family.title, *map(str, numbers)])
+            sections.append((group, [*table], table.values, mine, reasons))
+            numbers = [*count_outcomes({*own} & {*mine}).values(), len(group.cases) - len(mine)]
+            summary.append([group.title, *map(str, numbers)])
     return rendered(
         "swe_sphere.studies.cases", f"{folder}.md.j2", _label, _quantity, sections=sections,
         command=command, counts=count_outcomes(own), code=code_fingerprint(), rows=rows, own=own,
