@@ -43,8 +43,8 @@ def forward_backward() -> Section:
         "evaluation of `forward-backward` is a pass for the depth and one for the wind; each "
         "loads the metric terms and the wind again. In the strong winds of williamson6 and "
         "galewsky (U/c about 0.3) it uses other coefficients, whose limit is longer there by a "
-        "seventh. Its runs of williamson6 become unstable at 1.18 of the step shown, those of "
-        "galewsky at 1.23. On williamson5 at ne6 np8 the error of `forward-backward` is a time "
+        "seventh. Its runs of williamson6 become unstable at 1.12 of the step shown, those of "
+        "galewsky at 1.21. On williamson5 at ne6 np8 the error of `forward-backward` is a time "
         "error: 7e-5 requires a step of 227 s, 0.67 of the time of rk4.",
         ["scene", "mesh", "stepper", "Δt [s]", "evaluations", "l2", "l2 / rk4", "CPU [s]",
          "median", "CPU / rk4", "µs an evaluation"],
