@@ -28,6 +28,7 @@ import warp as wp
 REGISTER_BYTES = 64
 
 
+@functools.cache
 def source(name: str, **given: object) -> str:
     """Return the C++ code in kernels/simd/NAME.cpp, each $key replaced by its value in `given`."""
     path = Path(__file__).with_name("simd") / f"{name}.cpp"
@@ -80,9 +81,10 @@ class Register:
     @property
     def prelude(self) -> str:
         """C++ code at the beginning of every native function."""
-        attributes = f"__attribute__((ext_vector_type({self.lanes}), aligned(sizeof(number))))"
-        several = attributes, f"wp::vec_t<{self.lanes}, number>"
-        attributes, register = several if self.lanes > 1 else ("", "number")
+        attributes, register = "", "number"
+        if self.lanes > 1:
+            attributes = f"__attribute__((ext_vector_type({self.lanes}), aligned(sizeof(number))))"
+            register = f"wp::vec_t<{self.lanes}, number>"
         given = {"real": self.real.__name__, "lanes": self.lanes}
         return source("prelude", attributes=attributes, register=register, **given)
 

@@ -138,9 +138,9 @@ class Analysis:
         """Return means of all fields along circles of latitude: (..., lat), at `rows` latitudes."""
         fine = self.to_latlon(rows, 4 * truncation(self.mesh))
         means = fine.drop_vars(["lon_bnds", "cell_area"]).mean("lon", keep_attrs=True)
-        for name in (name for name, variable in fine.data_vars.items() if "lon" in variable.dims):
-            if name in means:  # profiles are no means
-                means[name].attrs["cell_methods"] = "longitude: mean"
+        for name, variable in means.data_vars.items():
+            if "lon" in fine[name].dims:  # profiles are no means
+                variable.attrs["cell_methods"] = "longitude: mean"
         return means
 
     def spectrum(self, degree: int | None = None) -> xr.Dataset:

@@ -94,7 +94,7 @@ def _against(file: Path, other: str, trust: Iterable[Path]) -> Source | Exact:
     from swe_sphere.io.runfile import RunFile, table_in
     from swe_sphere.simulation.build import make_scene
     from swe_sphere.simulation.config import make_config
-    from swe_sphere.simulation.restart import of_scene
+    from swe_sphere.simulation.restart import scene_identity
 
     run = RunFile(file)
     settings = table_in(str(run.attributes.get("configuration")))
@@ -106,7 +106,7 @@ def _against(file: Path, other: str, trust: Iterable[Path]) -> Source | Exact:
         )
     check_trusted(settings["scene"], file, trust)
     scene, theirs = make_scene(make_config(settings)), run.attributes.get("identity")
-    ours, known = json.loads(json.dumps(of_scene(scene))), table_in(str(theirs))
+    ours, known = json.loads(json.dumps(scene_identity(scene))), table_in(str(theirs))
     if any(value != known.get(name, value) for name, value in ours.items()):
         raise ConfigError(f"{file} is of a scene made in Python: compare with another file")
     return Exact(scene, run.mesh)

@@ -55,6 +55,12 @@ def load_file(path: Path, what: str) -> ModuleType:
     return module
 
 
+def file_of(function: Any) -> str | None:
+    """Return the file that `load_file` executed and that defines a function; None if none does."""
+    file = getattr(sys.modules.get(getattr(function, "__module__", "")), "__file__", None)
+    return file if file in _LOADED else None
+
+
 def file_contents(path: Path, what: str) -> bytes:
     """Return the contents of a file; ConfigError if it does not exist or cannot be read."""
     if not call_custom(f"looking for {path}", path.is_file):

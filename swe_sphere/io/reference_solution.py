@@ -97,7 +97,7 @@ class Reference(Source):
         return super().nearest(time) if self.times.size else None
 
     def is_at(self, time: float) -> bool:
-        """Return whether the (last) state is that of a time [s], or of no stated time."""
+        """Return whether the state, the last one, is of that time [s], or states no time."""
         return not self.times.size or abs(self.times[-1] - time) <= 1.0
 
     def frame(self, time: float | None = None) -> dict[str, Array]:
@@ -270,7 +270,7 @@ def _common_time(*sources: Source) -> float | None:
 
 
 def _common_field(ours: Source, theirs: Source, field: str | None) -> str:
-    """Return the field; by default, and for "h" over no bottom, "surface" where "h" is missing."""
+    """Return the field, or "surface" in place of a depth that a reference lacks."""
     references = [s for s in (ours, theirs) if isinstance(s, Reference)]
     if field is None:
         return "surface" if any("h" not in r.fields for r in references) else "h"

@@ -15,7 +15,7 @@ import numpy as np
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.files.user_file import call_custom, load_file
+from swe_sphere.files.user_file import call_custom, file_of, load_file
 from swe_sphere.io import integrals
 from swe_sphere.io.integrals import Fields, Norms, by_name
 from swe_sphere.io.layout import MESH_ATTRIBUTES, TOPOLOGY, VARIABLES
@@ -299,11 +299,10 @@ def diagnostic(
         raise ConfigError(f"the diagnostic {called!r} needs a name= of letters, digits and _")
     if called in NAMES["options"] or _is_taken(called):
         raise ConfigError(f"the diagnostic {called!r} needs another name: files use this one")
-    before, module = DIAGNOSTICS.get(called), str(getattr(function, "__module__", ""))
-    other = "" if before is None else str(getattr(before.function, "__module__", ""))
-    if other.startswith("user_") and module.startswith("user_") and other != module:
-        file = getattr(before and before.function, "__globals__", {}).get("__file__")
-        raise ConfigError(f"another file has a diagnostic {called!r}, {file}: rename one of them")
+    before = DIAGNOSTICS.get(called)
+    theirs, ours = file_of(before and before.function), file_of(function)
+    if theirs and ours and theirs != ours:
+        raise ConfigError(f"another file has a diagnostic {called!r}, {theirs}: rename one of them")
     words = long_name or first_line(function) or called
     DIAGNOSTICS[called] = Diagnostic(called, function, units, words)
     return function

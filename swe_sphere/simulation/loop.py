@@ -108,7 +108,7 @@ class Loop:
                         raise RunFailed(f"{label(observer)} {what}: do so after the run")
                     if may_change:
                         self.health.observe(self.sim.snapshot, observer)
-                        self.sim.accept_since()
+                        self.sim.accept_changes(self.sim.known_state)
                         self.sim.known_state = None
             if is_asked or self._is_asked_to_stop():
                 self._stop()

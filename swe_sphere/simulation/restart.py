@@ -273,12 +273,12 @@ def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
     return {
         "scene": scene.name, "stepper": get_stepper(config.stepper).name, "ne": mesh.ne,
         "np": mesh.np, "stretch": mesh.stretch, "centre": [*mesh.centre], "spin": mesh.spin,
-        "precision": config.precision, "tracer_steps": config.tracer_steps, **of_scene(scene),
+        "precision": config.precision, "tracer_steps": config.tracer_steps, **scene_identity(scene),
         "sources": run_sources(config.scene, scene, config.diagnostics, **methods),
     }  # fmt: skip
 
 
-def of_scene(scene: Scene) -> dict[str, object]:
+def scene_identity(scene: Scene) -> dict[str, object]:
     """Return what `identity` states of the scene."""
     functions = {name: getattr(value, "function", None) for name, value in vars(scene).items()}
     own = ", ".join(name for name, each in functions.items() if each and is_custom(each))

@@ -47,7 +47,7 @@ FINEST = 0.1
 MOST_REPEATS = 3
 """Runs are repeated at most this many times as often as the plan requests."""
 SEARCHING = 0.7
-"""Fraction of the budget left that the searches to come share; repeats use the remainder."""
+"""Fraction of the remaining budget that the remaining searches share equally."""
 NEAR_BEST = 1.5
 """Runs up to this many times the time of the cheapest accurate run are timed again."""
 
