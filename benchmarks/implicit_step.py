@@ -134,7 +134,7 @@ def smoothing() -> Section:
         "number that is kept, and in brackets the Krylov iterations a step. The Courant number is "
         "the root of the largest diagonal entry of S, for the implicit time τ. From 40 on there "
         "are two cycles, the first one with half as many steps. Ratios of columns with the kept "
-        "number show the scatter, up to a tenth.",
+        "number show the scatter, up to an eighth.",
         ["mesh", "stepper", "Δt [s]", "Courant number", "kept", "ms a step",
          *(f"{n} steps" for n in SMOOTHING)],
         rows,

@@ -75,7 +75,7 @@ def scene_files(name: str) -> list[Path]:
     return [path, *(scene_files(os.fspath(path.parent / base)) if is_scene_file(base) else [])]
 
 
-def get_scene(name: str, **parameters: Parameter) -> Scene:
+def get_scene(name: str | Path, **parameters: Parameter) -> Scene:
     """Return the scene of a name or of a file, with the given parameters.
 
     Args:
@@ -85,7 +85,7 @@ def get_scene(name: str, **parameters: Parameter) -> Scene:
 
     Raises ConfigError for an unknown name or parameter, an unreadable value, or a file that fails.
     """
-    if is_scene_file(name):
+    if is_scene_file(name := os.fspath(name)):
         return _load(Path(name), parameters)
     if name not in SCENES:
         raise unknown_name("scene", name, SCENES)

@@ -485,6 +485,16 @@ def test_the_smallest_grids_are_drawn(run, tmp_path, grid):
     np.testing.assert_allclose(here.at("h", *here.points), here.values("h"), rtol=1e-12)
 
 
+def test_some_fields_on_a_grid_are_opened(run, tmp_path):
+    path = regrid_file(run, "latlon:19x36", tmp_path / "grid.nc", fields=["h"])
+    data = open_run(path)
+    assert data.h.dims == ("time", "lat", "lon") and "b" not in data
+    with pytest.raises(ConfigError, match="on a grid, or not of a run"):
+        data.swe.spectrum()
+    with pytest.raises(ConfigError, match="is already on a grid: give the file of a run"):
+        regrid_file(path, "latlon:31x60", tmp_path / "again.nc")
+
+
 def test_what_is_not_of_a_run(data, mesh):
     with pytest.raises(ConfigError, match="not of a run"):
         Analysis(data.swe.to_latlon(19, 36)).spectrum()

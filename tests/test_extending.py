@@ -113,7 +113,7 @@ def test_the_low_storage_limit_is_that_of_all_methods_of_order_and_stages_three(
 def test_a_stepper_without_growth_is_one_line(here) -> None:
     text = EXAMPLES["low_storage.py"].split("    @classmethod")[0]
     Path("low_storage.py").write_text(text)
-    with pytest.raises(ConfigError, match=r"stepper low-storage defines no `growth\("):
+    with pytest.raises(ConfigError, match=r"stepper low-storage defines no `amplification\("):
         run_scene(
             make_config(
                 {k: v for k, v in SMALL.items() if k != "dt"} | {"stepper": "low_storage.py"}

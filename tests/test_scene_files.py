@@ -94,7 +94,7 @@ def test_toml_scene_changes_another(tmp_path: Path) -> None:
     assert (scene.ne, scene.np, scene.days) == (5, 6, 2.5)
     assert scene.parameters == {"alpha": 0.5} and scene.exact is not None
     assert scene.effects == (*base.effects, Viscosity(1e5))
-    again = get_scene(str(tmp_path / "tilted.toml"), alpha="0.25")
+    again = get_scene(tmp_path / "tilted.toml", alpha="0.25")
     assert again.parameters == {"alpha": 0.25} and again.ne == 5
 
 

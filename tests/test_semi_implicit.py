@@ -30,7 +30,7 @@ from swe_sphere.solvers.gravity_waves import (
 )
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.leapfrog import Leapfrog
-from swe_sphere.steppers.stability import runge_kutta_growth, tableau
+from swe_sphere.steppers.stability import runge_kutta_factor, tableau
 from swe_sphere.studies.cases.scenes import thin_flow
 from swe_sphere.testcases import get_scene
 
@@ -175,7 +175,7 @@ def test_order_conditions_of_both_tableaus_and_between_them(name: str) -> None:
 def growth_of(cls, z_implicit: np.ndarray, z_explicit: np.ndarray) -> np.ndarray:
     """Amplification factors for these eigenvalues times dt of both parts."""
     a_e, a_i = (tableau(rows, len(cls.b)) for rows in (cls.explicit, cls.implicit))
-    return runge_kutta_growth(np.array(cls.b), (a_e, z_explicit), (a_i, z_implicit))
+    return runge_kutta_factor(np.array(cls.b), (a_e, z_explicit), (a_i, z_implicit))
 
 
 @pytest.mark.parametrize("name", RUNGE_KUTTA)

@@ -12,7 +12,7 @@ from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS, stability
-from swe_sphere.steppers.leapfrog import Leapfrog, filtered_growth
+from swe_sphere.steppers.leapfrog import Leapfrog, filtered_factor
 from swe_sphere.steppers.runge_kutta import RungeKutta
 from swe_sphere.steppers.stability import GROWTH_TIME, NO_GROWTH
 from swe_sphere.testcases import get_scene
@@ -152,7 +152,7 @@ def test_growth_of_the_filtered_scheme_is_that_of_its_map():
 
     matrix = np.transpose([stepped(1.0, 0.0), stepped(0.0, 1.0)], (2, 1, 0))
     expected = np.abs(np.linalg.eigvals(matrix)).max(axis=-1)
-    np.testing.assert_allclose(filtered_growth(old, new), expected, rtol=1e-12)
+    np.testing.assert_allclose(filtered_factor(old, new), expected, rtol=1e-12)
 
 
 # --- coefficients of custom methods

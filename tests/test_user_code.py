@@ -23,7 +23,7 @@ class Custom(Stepper):
         pass
 
     @classmethod
-    def growth(cls, z_wave, z_dissipation):
+    def amplification(cls, z_wave, z_dissipation):
         return abs(z_wave) * 0.0 + 1.0
 
 """
@@ -33,7 +33,7 @@ METHODS = {
     "advance": "    def advance(self):\n        {fault}\n",
     "swap": "    def swap(self):\n        {fault}\n",
     "state_dict": "    def state_dict(self):\n        {fault}\n",
-    "growth": "    @classmethod\n    def growth(cls, *z):\n        {fault}\n",
+    "amplification": "    @classmethod\n    def amplification(cls, *z):\n        {fault}\n",
     "stable_dt": "    @classmethod\n    def stable_dt(cls, spectrum):\n        {fault}\n",
     "spectrum": "    @classmethod\n    def spectrum(cls, model, state, t=0.0):\n        {fault}\n",
     "complete": "    @classmethod\n    def complete(cls):\n        {fault}\n",

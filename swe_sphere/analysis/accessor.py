@@ -114,7 +114,8 @@ class Analysis:
         values = in_python(self._data.attrs)
         if not {*MESH_ATTRIBUTES} <= values.keys() or "node" not in self._data.dims:
             raise ConfigError(
-                "this dataset is not of a run: open a run's file with swe_sphere.open_run"
+                "this dataset is on a grid, or not of a run: open the file that a run wrote at the"
+                " nodes of its mesh with swe_sphere.open_run"
             )
         return mesh_of(values, self._data, "cannot use this dataset")
 

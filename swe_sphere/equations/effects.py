@@ -457,7 +457,7 @@ class Relaxation(PointwiseEffect):
     """-(h - h_eq) / time on the depth, `time` in [s], with h_eq [m] from `Scene.equilibrium`.
 
     This is Newtonian cooling in a shallow layer. In a scene without an equilibrium, h_eq is the
-    initial depth. Raises ConfigError if `time` is not positive.
+    depth of `Scene.initial`. Raises ConfigError if `time` is not positive.
     """
 
     name = "relaxation"

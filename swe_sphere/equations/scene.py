@@ -163,7 +163,7 @@ class Scene:
         """Return the scene with the effect added; it replaces an effect of the same name.
 
         An effect that vanishes (a viscosity of zero) is removed instead. Without an equilibrium,
-        the depth relaxes to its initial values. A new or changed pointwise effect (drag,
+        the depth relaxes to that of `initial`. A new or changed pointwise effect (drag,
         relaxation, custom) removes the exact solution; diffusion counts as a discretisation error.
 
         Raises ConfigError if `effect` is not an effect.

@@ -68,7 +68,7 @@ class TracerEquations:
             return operations
         if stage is not None:
             raise ConfigError(
-                "viscosity of tracers cannot be added in stages: leave out `diffusion_apart`"
+                "viscosity of tracers cannot be added in stages: leave out `splits_diffusion`"
             )
         return operations + self._diffusion.operations(base if component == "tangent" else None)
 

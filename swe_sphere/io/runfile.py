@@ -269,7 +269,7 @@ class RunFile(Nodal):
             if lacking := {*MESH_ATTRIBUTES} - found.keys():
                 raise ValueError(f"it lacks {', '.join(sorted(lacking))}")
             fields = [str(name) for name, v in data.variables.items() if v.dims == ("time", "node")]
-            for name in (*fields, "b", "time"):
+            for name in {*fields, "b", "time"} & {*data.variables}:
                 if data[name].dtype.kind not in "fiu":
                     raise ValueError(f"{name} holds no numbers")
             self.about = {name: in_python(data[name].attrs) for name in fields}
@@ -283,7 +283,8 @@ class RunFile(Nodal):
                 x: read_values(self.path, x, data[x].variable.isel(time=0, missing_dims="ignore"))
                 for x in ("b", "f", "area") if x in data
             }  # fmt: skip
-            self.bottom = self._constants["b"]
+            may_lack = {} if "node" in data.dims else {"b": np.zeros((0, 0))}
+            self.bottom = (may_lack | self._constants)["b"]
 
     @cached_property
     def mesh(self) -> Mesh:  # type: ignore[override]

@@ -140,7 +140,7 @@ class BDF2(ImplicitStepper):
     error_constant = 2.0 / 9.0  # for equal steps (Hairer, Norsett & Wanner 1993, III.2)
 
     def allocate(self) -> None:
-        if self.diffusion_apart:
+        if self.splits_diffusion:
             raise ConfigError("bdf2: diffusion=apart would be of first order: use diffusion=whole")
         self.previous, self._rhs = self.model.zeros(), self.model.zeros()
         self._starter = TRBDF2(self.model, self.dt, solver=self.solver)

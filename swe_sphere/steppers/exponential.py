@@ -229,7 +229,7 @@ class ExponentialMultistep(VariableStepper):
         self._slopes = [model.zeros() for _ in range(past)]
         self._moved, self._bent = (space.stack(max(1, past)) for _ in range(2))
 
-    def begin(self, slope: wp.array) -> None:
+    def make_guesses(self, slope: wp.array) -> None:
         """Discard the previous steps."""
         self._known, self._spacing = 0, 0.0
 

@@ -93,13 +93,13 @@ class FlowLimitStepper(Stepper):
         cases = [(1.0 - share, part * share) for part in (WIND_PARTS if share > 0.0 else (0.0,))]
         cases += [(0.0, share), (0.0, turn)]
 
-        def growth(z_wave: Complex, z_dissipation: Complex) -> Array:
+        def factor(z_wave: Complex, z_dissipation: Complex) -> Array:
             z, loss = z_wave[..., None], z_dissipation[..., None]
             steps = (cls.propagator(share, waves * z, winds * z, loss) for waves, winds in cases)
             return np.asarray(np.max([largest_eigenvalue(s) for s in steps], axis=0))
 
         return largest_step(
-            growth, wave, spectrum.dissipation, cls.reach, WEAK if share else NO_GROWTH, cls.looks
+            factor, wave, spectrum.dissipation, cls.reach, WEAK if share else NO_GROWTH, cls.looks
         )
 
     @classmethod

@@ -62,16 +62,16 @@ class ImexStepper(Stepper):
         return replace(at_start, wave=wave)
 
     @classmethod
-    def growth(cls, z_wave: Complex, z_dissipation: Complex) -> Array:
+    def amplification(cls, z_wave: Complex, z_dissipation: Complex) -> Array:
         """Return the largest amplification factors for implicit waves faster than explicit ones."""
         of_faster = np.geomspace(cls.least_ratio, MUCH_FASTER, 40)
         factors = np.concatenate([-of_faster, [0.0], of_faster])
         z_implicit = factors.reshape(-1, *(1 for _ in z_wave.shape)) * z_wave
-        return np.asarray(cls.split_growth(z_implicit, z_wave, z_dissipation).max(0))
+        return np.asarray(cls.split_factor(z_implicit, z_wave, z_dissipation).max(0))
 
     @classmethod
     @abstractmethod
-    def split_growth(cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex) -> Array:
+    def split_factor(cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex) -> Array:
         """Return the largest amplification factors, given also implicit eigenvalues times dt."""
 
 
@@ -127,7 +127,7 @@ class ImexRungeKutta(ImexStepper):
         ]
         self._last = scaled_rows(stack, dt * np.array(self.b))
 
-    def begin(self, slope: wp.array) -> None:
+    def make_guesses(self, slope: wp.array) -> None:
         """Guess the linear part of the initial slope for all stages."""
         self.solver.waves.linearise(self.state)
         self.solver.waves.apply(self.state, self._linear[0])
@@ -158,10 +158,10 @@ class ImexRungeKutta(ImexStepper):
         self.space.copy(self._stage, self.state)
 
     @classmethod
-    def split_growth(cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex) -> Array:
+    def split_factor(cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex) -> Array:
         a_e, a_i = (tableau(rows, len(cls.b)) for rows in (cls.explicit, cls.implicit))
         b = np.array(cls.b)
-        return stability.runge_kutta_growth(b, (a_e, z_wave + z_dissipation), (a_i, z_implicit))
+        return stability.runge_kutta_factor(b, (a_e, z_wave + z_dissipation), (a_i, z_implicit))
 
 
 ARK2, ARS343 = read_methods(ImexRungeKutta, "ARK2", "ARS343")

@@ -172,7 +172,7 @@ class VariableStepper(Stepper):
 
     family: ClassVar[Family] = "implicit"
     can_give_up = True
-    diffusion_apart = False
+    splits_diffusion = False
     solver: StageSolver
 
     @classmethod
@@ -271,7 +271,7 @@ class ImplicitStepper(VariableStepper):
         preconditioner: str = "helmholtz", diffusion: Literal["whole", "apart"] = "whole",
         solver: NewtonStages | None = None,
     ) -> None:  # fmt: skip
-        self.diffusion_apart = diffusion == "apart"
+        self.splits_diffusion = diffusion == "apart"
         self._held = HeldPenalty(model, dt) if model.penalised and self.splits_penalty else None
         if self._held is not None:
             model = model.unpenalised(self._held.rate)
@@ -291,7 +291,7 @@ class ImplicitStepper(VariableStepper):
         if self._held is not None:
             self._held.find(self.state, self.solver.mean_slope, self.penalised_at * dt, dt)
 
-    def begin(self, slope: wp.array) -> None:
+    def make_guesses(self, slope: wp.array) -> None:
         """Guess the initial slope for all stages."""
         for guess in self.guesses:
             self.space.copy(slope, guess)

@@ -97,8 +97,8 @@ class Leapfrog(Stepper):
         return 1 if filtered else super().order_in(model, **options)
 
     @classmethod
-    def growth(cls, z_wave: Complex, z_dissipation: Complex) -> Array:
-        return filtered_growth(1.0 + 2.0 * z_dissipation, 2.0 * z_wave)
+    def amplification(cls, z_wave: Complex, z_dissipation: Complex) -> Array:
+        return filtered_factor(1.0 + 2.0 * z_dissipation, 2.0 * z_wave)
 
 
 class SemiImplicit(ImexStepper, Leapfrog):
@@ -129,7 +129,7 @@ class SemiImplicit(ImexStepper, Leapfrog):
     def _make_starter(self, model: Model) -> Stepper:
         return ARK2(model, self.dt, solver=self.solver)
 
-    def begin(self, slope: wp.array) -> None:
+    def make_guesses(self, slope: wp.array) -> None:
         """Discard the previous change."""
         self.guess.zero_()
 
@@ -156,12 +156,12 @@ class SemiImplicit(ImexStepper, Leapfrog):
         return self._change, 1.0
 
     @classmethod
-    def split_growth(cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex) -> Array:
+    def split_factor(cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex) -> Array:
         old = (1.0 + z_implicit + 2.0 * z_dissipation) / (1.0 - z_implicit)
-        return filtered_growth(old, 2.0 * z_wave / (1.0 - z_implicit))
+        return filtered_factor(old, 2.0 * z_wave / (1.0 - z_implicit))
 
 
-def filtered_growth(old: Complex, new: Complex) -> Array:
+def filtered_factor(old: Complex, new: Complex) -> Array:
     """Return the largest growth of the scheme x+ = old x- + new x with the filter.
 
     Its levels are rows of weights of (x-, x), which a step with the filter's displacement D =

@@ -74,10 +74,10 @@ class RungeKutta(Stepper):
             yield np.linalg.solve(triangle[:i, :i].T, row[:i]), row[i]
 
     @classmethod
-    def growth(cls, z_wave: stability.Complex, z_dissipation: stability.Complex) -> Array:
+    def amplification(cls, z_wave: stability.Complex, z_dissipation: stability.Complex) -> Array:
         """Return |R(z)| for the sum z of both parts."""
         a = stability.tableau(cls.a, len(cls.b))
-        return stability.runge_kutta_growth(np.array(cls.b), (a, z_wave + z_dissipation))
+        return stability.runge_kutta_factor(np.array(cls.b), (a, z_wave + z_dissipation))
 
 
 RK4, SSPRK3, KG5 = read_methods(RungeKutta, "RK4", "SSPRK3", "KG5")

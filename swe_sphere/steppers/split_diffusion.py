@@ -117,17 +117,17 @@ class Diffusion:
 class SplitPenalty:
     """The edge penalty in steps of dt [s]: it acts on the newest level in the middle of a cycle.
 
-    A cycle has an even number of steps, `every`. With `chains` None it uses the midpoint rule.
-    Otherwise it takes Euler steps on `chains` successive levels (two for leapfrog); the penalty
+    A cycle has an even number of steps, `every`. With `levels` None it uses the midpoint rule.
+    Otherwise it takes Euler steps on `levels` successive levels (two for leapfrog); the penalty
     must then be weak enough not to affect waves near the stability limit of the step.
     """
 
-    def __init__(self, model: Model, dt: float, chains: int | None) -> None:
-        self._model, self._second_order = model, chains is None
-        self._chains = chains or 1
-        # products of the step and the penalty's largest rate, by the number of chains
+    def __init__(self, model: Model, dt: float, levels: int | None) -> None:
+        self._model, self._second_order = model, levels is None
+        self._levels = levels or 1
+        # products of the step and the penalty's largest rate, by the number of levels
         limits = {None: (MIDPOINT, MIDPOINT), 1: (0.7, 1.0)}
-        longest_cycle, longest_part = limits.get(chains, (0.5, 1.0))
+        longest_cycle, longest_part = limits.get(levels, (0.5, 1.0))
         radius, rotation = model.penalty_radius, abs(model.scene.planet.rotation)
         longest = min(
             a / b if b else math.inf for a, b in ((longest_cycle, radius), (0.75, rotation))
@@ -141,10 +141,10 @@ class SplitPenalty:
     def is_due(self, steps: int, before: int = 0) -> bool:
         """Return whether the penalty acts before the step that follows `steps` after the start.
 
-        before: number of steps before the start, which leaves one chain of two.
+        before: number of steps before the start, which leaves one level of two.
         """
         turn = (before + steps - self.every // 2) % self.every
-        return turn < self._chains and (turn <= steps or not before)
+        return turn < self._levels and (turn <= steps or not before)
 
     def act(self, state: wp.array, follow: Callable[[wp.array], None] | None = None) -> None:
         """Damp the wind of the state; `follow` receives the change of the wind (2N,)."""

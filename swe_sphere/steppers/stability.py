@@ -24,12 +24,12 @@ ROUNDING = 1e-6
 
 
 def largest_step(
-    growth: Callable[[Complex, Complex], Array], wave: float, dissipation: float, reach: float,
+    factor: Callable[[Complex, Complex], Array], wave: float, dissipation: float, reach: float,
     tolerance: float = NO_GROWTH, looks: int = 1, growth_time: float = math.inf,
 ) -> float:  # fmt: skip
     """Return the largest dt [s] up to which no mode grows by more than the tolerance in a step.
 
-    `growth(z_wave, z_dissipation)` is the largest amplification factor for eigenvalues times dt of
+    `factor(z_wave, z_dissipation)` is the largest amplification factor for eigenvalues times dt of
     the waves (imaginary) and the dissipation (negative); the search covers all combinations up to
     the spectral radii `wave` and `dissipation` [s-1]. `reach` bounds dt times the sum of both; if
     steps longer than an unstable one may be stable again, `looks` steps up to it are tried. A
@@ -43,7 +43,7 @@ def largest_step(
     z_wave, z_dissipation = np.meshgrid(1j * wave * share, -dissipation * damping + 0j)
 
     def excess(dt: float) -> float:
-        return float(growth(dt * z_wave, dt * z_dissipation).max()) - 1.0
+        return float(factor(dt * z_wave, dt * z_dissipation).max()) - 1.0
 
     if excess(SHORT / (wave + dissipation)) <= tolerance:
         growth_time = math.inf
@@ -141,7 +141,7 @@ def error_constant(a: Array, b: Array, order: int) -> float:
     return float(abs(b @ power - 1.0 / math.factorial(order + 1)))
 
 
-def runge_kutta_growth(b: Array, *parts: tuple[Array, Complex]) -> Array:
+def runge_kutta_factor(b: Array, *parts: tuple[Array, Complex]) -> Array:
     """Return |R|, R = 1 + z b^T (I - sum_k z_k A_k)^-1 1 (Hairer & Wanner 1996, eq. IV.3.2).
 
     b: the weights; parts: matrices A_k, each with its eigenvalues times dt z_k; z = sum z_k.

@@ -164,9 +164,9 @@ class Trajectory(NotCopyable):
 class Stepper(Trajectory, ABC):
     """Time integrator of a model with a fixed step dt [s].
 
-    A method defines `advance`, which changes `state` in place, and `growth`, which determines its
-    longest stable step. With `splits_penalty` its `model` has no edge penalty: the `penalty` acts
-    in the middle of cycles of steps. With `diffusion_apart` the model has no viscosity and no
+    A method defines `advance`, which changes `state` in place, and `amplification`, from which its
+    longest stable step follows. With `splits_penalty` its `model` has no edge penalty: `penalty`
+    acts in the middle of cycles of steps. With `splits_diffusion` the model has no viscosity and no
     hyperviscosity: `diffusion` steps them, after even steps and before odd ones, which is Strang's
     splitting of two steps and of second order.
     """
@@ -174,12 +174,13 @@ class Stepper(Trajectory, ABC):
     family: ClassVar[Family] = "explicit"
     estimate_order: ClassVar[int | None] = None
     """Power of dt to which the error estimate is proportional; None without an estimate."""
-    diffusion_apart: bool = True
+    splits_diffusion: bool = True
     """True if diffusion is applied separately, so that it limits no step."""
     diffusion_steps: ClassVar[int | None] = None
-    """Steps over which `advance` includes `diffusion` in its change; None: `step` splits it off."""
+    """Steps over which `advance` includes `diffusion` in its change; None: `step` splits it off.
+    The split penalty acts on as many successive levels, by Euler steps."""
     splits_penalty: ClassVar[bool] = True
-    """True if the penalty is split from stages; they must damp phase changes over pi in a step."""
+    """True if the penalty acts in its own steps; a step must damp waves of less than two steps."""
     diffusion_order: ClassVar[int] = 2
     """Order of separate diffusion; one above the order of the splitting gains nothing."""
     levels: ClassVar[tuple[str, ...]] = ()
@@ -231,13 +232,13 @@ class Stepper(Trajectory, ABC):
         self.diffusion: Diffusion | None = None
         self.penalty: SplitPenalty | None = None
         self.wind_changed: Callable[[wp.array], None] | None = None  # called with the change (2N,)
-        if self.diffusion_apart and model.diffusive:
+        if self.splits_diffusion and model.diffusive:
             whole = dt * (self.diffusion_steps or 1)
             self.diffusion = Diffusion(model, whole, self.diffusion_order)
         if model.penalised and self.splits_penalty:
             self.penalty = SplitPenalty(model, dt, self.diffusion_steps)
         self.model = self.stage_model(model)
-        self._apart = self.diffusion if self.diffusion_steps is None else None
+        self._split_diffusion = self.diffusion if self.diffusion_steps is None else None
         self._replay: Replay | None = None
         if self.repeats_from is not None and model.scene.autonomous:
             custom = is_custom(type(self))
@@ -246,14 +247,14 @@ class Stepper(Trajectory, ABC):
     def stage_model(self, model: Model) -> Model:
         """Return the model without effects that are split from the stages."""
         if self.splits_penalty:
-            return model.inviscid if self.diffusion_apart else model.unpenalised()
-        return model.without(lambda effect: effect.diffuses) if self.diffusion_apart else model
+            return model.inviscid if self.splits_diffusion else model.unpenalised()
+        return model.without(lambda effect: effect.diffuses) if self.splits_diffusion else model
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
         self.check_names()
         super().start(state, t)
         if self.solver is not None:
-            self.begin(self.solver.start(self.state, t, self.dt))
+            self.make_guesses(self.solver.start(self.state, t, self.dt))
 
     def check_names(self) -> None:
         """Raise ConfigError if a name in `memory` or `levels` is not that of an array."""
@@ -269,7 +270,7 @@ class Stepper(Trajectory, ABC):
     def allocate(self) -> None:
         """Allocate the arrays of a method with a solver; model and solver exist already."""
 
-    def begin(self, slope: wp.array) -> None:
+    def make_guesses(self, slope: wp.array) -> None:
         """Make the first guesses of a method with a solver from the initial slope."""
 
     def _is_penalised(self, steps: int) -> bool:
@@ -277,7 +278,7 @@ class Stepper(Trajectory, ABC):
         return self.penalty is not None and self.penalty.is_due(steps, round(self.origin / self.dt))
 
     def step(self) -> None:
-        apart, limiter = self._apart, self.model.limiter
+        apart, limiter = self._split_diffusion, self.model.limiter
         with nullcontext() if self.solver is None else one_thread():
             if self.penalty is not None and self._is_penalised(self.steps):
                 self.penalty.act(self.state, self.wind_changed)
@@ -297,7 +298,7 @@ class Stepper(Trajectory, ABC):
     def take(self, most: int) -> None:
         following = range(self.steps, self.steps + self.fused_steps)
         repeats = type(self._replay) is Replay and self.steps >= (self.repeats_from or 0)
-        alone = self._apart is None and self.model.limiter is None
+        alone = self._split_diffusion is None and self.model.limiter is None
         alone = alone and not any(map(self._is_penalised, following))
         is_cut = self.model.device_mesh.strips is not None
         if not (repeats and alone and is_cut and 1 < self.fused_steps <= most):
@@ -332,14 +333,14 @@ class Stepper(Trajectory, ABC):
     def stable_dt(cls, spectrum: Spectrum) -> float:
         """Return the largest stable step [s] for the result of `spectrum`."""
         radii = spectrum.wave, spectrum.dissipation
-        return largest_step(cls.growth, *radii, cls.reach, growth_time=GROWTH_TIME)
+        return largest_step(cls.amplification, *radii, cls.reach, growth_time=GROWTH_TIME)
 
     @classmethod
-    def growth(cls, z_wave: Complex, z_dissipation: Complex) -> Array:
-        """Return the largest growth in a step for eigenvalues times dt of waves and dissipation."""
+    def amplification(cls, z_wave: Complex, z_dissipation: Complex) -> Array:
+        """Return the largest |factor| of a step for eigenvalues times dt of waves and dissipation."""
         raise ConfigError(
-            f"stepper {cls.name} defines no `growth(cls, z_wave, z_dissipation)`, from which its"
-            " stability limit follows"
+            f"stepper {cls.name} defines no `amplification(cls, z_wave, z_dissipation)`, from"
+            " which its stability limit follows"
         )
 
     @classmethod
@@ -349,7 +350,7 @@ class Stepper(Trajectory, ABC):
             return 1
         if model.penalised and cls.diffusion_steps:
             return 1
-        apart = cls.diffusion_apart or options.get("diffusion") == "apart"
+        apart = cls.splits_diffusion or options.get("diffusion") == "apart"
         limited = (model.penalised and cls.splits_penalty) or (apart and model.diffusive)
         return min(cls.order, cls.diffusion_order) if limited else cls.order
 

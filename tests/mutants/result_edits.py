@@ -57,7 +57,7 @@ SPLITTING = tested(
         "diffusion acts in the stages and apart",
         STEPPER,
         ("test_edge_penalty.py::test_separate_diffusion_leaves_it_in_the_stages[plain-esdirk4]",),
-        "return model.without(lambda effect: effect.diffuses) if self.diffusion_apart else model",
+        "return model.without(lambda effect: effect.diffuses) if self.splits_diffusion else model",
         "return model",
     ),
     (
