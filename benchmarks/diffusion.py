@@ -20,7 +20,7 @@ from sections import stamp, stamp_text
 
 from swe_sphere.equations.effects import Hyperviscosity
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.spectrum import Spectrum
+from swe_sphere.equations.spectrum import SpectralRadii
 from swe_sphere.io.integrals import by_name, field_errors
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
@@ -57,9 +57,9 @@ class Pair:
     def automatic(self, name: str, model: Model, at_stages: bool = False) -> float:
         """Return the automatic step [s]; at_stages: as if stages evaluated hyperviscosity."""
         kind, start = STEPPERS[name], model.initial_state()
-        wave = kind.spectrum(model, start)
-        more = model.spectrum(start).dissipation if at_stages else wave.dissipation
-        return kind.safety * kind.stable_dt(Spectrum(wave.wave, more))
+        wave = kind.spectral_radii(model, start)
+        more = model.spectral_radii(start).dissipation if at_stages else wave.dissipation
+        return kind.safety * kind.stable_dt(SpectralRadii(wave.wave, more))
 
     def _after_a_day(self, name: str, dt: float) -> dict[str, np.ndarray]:
         return self.thick.fields(a_day(STEPPERS[name](self.thick, DAY / np.ceil(DAY / dt))).state)

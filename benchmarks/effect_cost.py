@@ -127,7 +127,7 @@ def step_ratio(name: str, ne: int, np_: int, rounds: int) -> str:
     """
     mesh, scene, kind = Mesh.build(ne, np_), get_scene("williamson5"), STEPPERS[name]
     models = [Model(mesh, each) for each in (scene.with_effect(EdgePenalty()), scene)]
-    limits = [kind.stable_dt(kind.spectrum(model, model.initial_state())) for model in models]
+    limits = [kind.stable_dt(kind.spectral_radii(model, model.initial_state())) for model in models]
     assert limits[0] >= 0.97 * limits[1]
     pair = [kind(model, min(HOUR, kind.safety * limits[1])) for model in models]
     for model, stepper in zip(models, pair, strict=True):

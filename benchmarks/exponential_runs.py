@@ -69,7 +69,7 @@ def exponential_steps() -> Section:
         mesh = Mesh.build(ne, 4)
         begun = Simulation(scene, mesh=mesh, stepper="rk4")
         begun.begin()
-        fields = begun.start
+        fields = begun.initial_fields
         one = mesh.spacing()[0] / float(np.hypot(fields["u"], fields["v"]).max())
         exact = _vorticity(run(scene, mesh, "rk4", 0.5 * begun.plan.dt, days))
         for name in STEPS:

@@ -15,7 +15,7 @@ from implicit_common import MOUNTAIN
 from sections import Section, command
 
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.spectrum import Spectrum
+from swe_sphere.equations.spectrum import SpectralRadii
 from swe_sphere.errors import RunFailed
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import diagnose
@@ -67,19 +67,19 @@ def limits(scene: str, mesh: str) -> dict[str, Any]:
     model = Model(Mesh.build(ne, order, **fine), get_scene(name, **parameters))
     state = model.initial_state()
     found: dict[str, Any] = {"rk4": automatic(STEPPERS["rk4"], model, state)}
-    wave = STEPPERS["ark2"].spectrum(model, state).wave
+    wave = STEPPERS["ark2"].spectral_radii(model, state).wave
     found |= {"start": advection_rate(model, state), "told": wave, "most": strongest(model, state)}
     for name in NAMES:
         kind = STEPPERS[name]
-        step = kind.safety * kind.stable_dt(Spectrum(wave))
+        step = kind.safety * kind.stable_dt(SpectralRadii(wave))
         found[name] = [step, bisect(kind, model, state, step)]
     return found
 
 
 def automatic(kind: type[Stepper], model: Model, state: wp.array) -> float:
     """Return the automatic step [s]."""
-    spectrum = kind.spectrum(model, state)
-    return kind.safety * kind.stable_dt(Spectrum(spectrum.wave, spectrum.dissipation))
+    spectrum = kind.spectral_radii(model, state)
+    return kind.safety * kind.stable_dt(SpectralRadii(spectrum.wave, spectrum.dissipation))
 
 
 def strongest(model: Model, state: wp.array) -> float:

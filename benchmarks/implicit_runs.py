@@ -9,7 +9,7 @@ from implicit_common import DAYS, MOUNTAIN, Run, run
 from sections import PAGES, Section
 
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.spectrum import Spectrum
+from swe_sphere.equations.spectrum import SpectralRadii
 from swe_sphere.errors import RunFailed
 from swe_sphere.io.integrals import norms
 from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
@@ -52,15 +52,13 @@ def race() -> Section:
 
 def _race_on(label: str, mesh: Mesh, implicit: list[tuple[str, float]]) -> list[list[str]]:
     model = Model(mesh, get_scene("williamson5"))
-    wave = model.spectrum(model.initial_state()).wave
-    explicit = [
-        (name, 0.85 * get_stepper(name).stable_dt(Spectrum(wave))) for name in ("rk4", "leapfrog")
-    ]
+    radii = SpectralRadii(model.spectral_radii(model.initial_state()).wave)
+    explicit = [(name, 0.85 * get_stepper(name).stable_dt(radii)) for name in ("rk4", "leapfrog")]
     cases = [(name, DAYS * DAY / np.ceil(DAYS * DAY / dt)) for name, dt in explicit + implicit]
     rounds = [[_attempt(mesh, name, dt) for name, dt in cases] for _ in range(ROUNDS)]
     rows, rk4 = [], 0.0
     for (name, dt), *results in zip(cases, *rounds, strict=True):
-        head = [label, name, f"{dt:.0f}", f"{dt * wave:.1f}"]
+        head = [label, name, f"{dt:.0f}", f"{dt * radii.wave:.1f}"]
         done = [each for each in results if isinstance(each, Run)]
         if not done:
             rows.append([*head, f"{results[0]} failed", *[""] * 8])

@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import apply_settings
-from swe_sphere.equations.spectrum import Spectrum
+from swe_sphere.equations.spectrum import SpectralRadii
 from swe_sphere.io.integrals import by_name, field_errors
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
@@ -145,8 +145,8 @@ def _spun_up(mesh: Mesh, scene: str, *settings: str) -> tuple[Model, wp.array]:
 
 def _stepped(model: Model, state: wp.array, duration: float) -> wp.array:
     """Return the state after `duration` [s], computed by rk4."""
-    spectrum = model.spectrum(state)
-    limit = get_stepper("rk4").stable_dt(Spectrum(spectrum.wave, spectrum.dissipation))
+    spectrum = model.spectral_radii(state)
+    limit = get_stepper("rk4").stable_dt(SpectralRadii(spectrum.wave, spectrum.dissipation))
     steps = int(np.ceil(duration / (0.85 * limit)))
     stepper = get_stepper("rk4")(model, duration / steps)
     stepper.start(state)

@@ -86,7 +86,7 @@ class Traffic:
         partition = Partition(mesh, ranks)
         for rank in range(ranks):
             part = partition.part(rank)
-            self.owner[part.elements] = rank
+            self.owner[part.element_numbers] = rank
             self.neighbours.append(len(part.sends))
 
     @cached_property

@@ -84,7 +84,7 @@ def _raced(scene: str, ne: int, np_: int, days: float) -> list[list[str]]:
 def _automatic(scene: str, mesh: Mesh, name: str, days: float) -> float:
     """Return the automatic step [s], shortened so that the run ends with a whole step."""
     sim = Simulation(scene, mesh=mesh, stepper=name, days=days)
-    return days * DAY / np.ceil(days * DAY / (sim.kind.safety * sim.stable_dt()))
+    return days * DAY / np.ceil(days * DAY / (sim.stepper_class.safety * sim.stable_dt()))
 
 
 def _error(scene: str, days: float, sim: Simulation) -> float:

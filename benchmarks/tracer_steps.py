@@ -63,7 +63,7 @@ class Case:
         """Return l2 errors of hills, bells and cylinders, or their change from one tracer step."""
         sim, single = self.last[steps], self.last[1]
         now, then = sim.snapshot.fields, single.snapshot.fields
-        right = single.start if self.scene == "deformational" else then
+        right = single.initial_fields if self.scene == "deformational" else then
         if right is then and steps == 1:
             return ["", "", ""]
         area, names = sim.mesh.area, ("gaussian_hills", "cosine_bells", "slotted_cylinders")

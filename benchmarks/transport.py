@@ -18,7 +18,7 @@ from sections import Section, command
 from swe_sphere.equations.effects import Tracers
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import Scene, apply_settings
-from swe_sphere.equations.spectrum import Spectrum
+from swe_sphere.equations.spectrum import SpectralRadii
 from swe_sphere.io.integrals import norms
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
@@ -74,8 +74,8 @@ def carried(scene: Scene, ne: int, np_: int) -> Run:
     mesh = Mesh.build(ne, np_)
     model = Model(mesh, scene)
     state = model.initial_state()
-    spectra = (model.spectrum(state, t) for t in (0.0, 0.25 * PERIOD))
-    limit = min(STEPPERS["rk4"].stable_dt(Spectrum(s.wave, s.dissipation)) for s in spectra)
+    spectra = (model.spectral_radii(state, t) for t in (0.0, 0.25 * PERIOD))
+    limit = min(STEPPERS["rk4"].stable_dt(SpectralRadii(s.wave, s.dissipation)) for s in spectra)
     steps = 2 * math.ceil(0.5 * PERIOD / (SHARE * limit))
     stepper = STEPPERS["rk4"](model, PERIOD / steps)
     stepper.start(state)

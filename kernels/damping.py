@@ -9,7 +9,7 @@ from swe_sphere.kernels.define import kernel, lanes, real, value, vector
 from swe_sphere.kernels.metric import basis, covariant_wind, gradient
 from swe_sphere.kernels.simd.arithmetic import mul
 from swe_sphere.kernels.simd.memory import Places, converting, gather, load, load_given, nodes
-from swe_sphere.kernels.terms import across, along, local, np_, share, state
+from swe_sphere.kernels.terms import across, along, local, np_, share, state_vector
 
 matrix, each = wp.array2d(dtype=real), wp.array2d(dtype=value)
 
@@ -41,7 +41,7 @@ def damp(to_modes: matrix, to_nodes: matrix, factor: each, scale: each, x: local
 
 
 @kernel
-def covariant(node: nodes, basis: basis, size: int, r: state, first: local, second: local):
+def covariant(node: nodes, basis: basis, size: int, r: state_vector, first: local, second: local):
     """Store the covariant wind components of a state; runs over (groups, np*np / share) threads."""
     e, part = wp.tid()
     for n in range(part * share, part * share + share):

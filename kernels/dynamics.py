@@ -20,7 +20,7 @@ from swe_sphere.kernels.terms import Terms, geometry, np_
 
 @functools.cache
 def transport(tangent: bool = False) -> Formula:
-    """Return the formula of -div(m V), with m = x[at:] and the wind V of a, rounded as in `state`.
+    """Return the formula of -div(m V), with m = x[at:] and the wind V of a, rounded as there.
 
     The tangent is -div(m' V + m V'), with (V, m) of the state a and (V', m') of x.
     """
@@ -66,7 +66,7 @@ gradient = Formula(none, no_wind, single, _field, _slope, 2, is_scalar=True)
 """Formula of grad s for the field s at the offset `at` of x."""
 
 
-def state(terms: Terms) -> Formula:
+def vector_invariant(terms: Terms) -> Formula:
     """Return the formula of -zeta k x V - grad B and -div(h V), with B = |V|²/2 + g (h + b)."""
     winds, wind = winds_at(own=True, base=False)
     kind, parts, rates = _equations(terms, curls=1)
@@ -95,7 +95,7 @@ def state(terms: Terms) -> Formula:
 
 
 def tangent(terms: Terms) -> Formula:
-    """Return the formula of the derivative of `state` at the state a along x."""
+    """Return the formula of the derivative of `vector_invariant` at the state a along x."""
     winds, wind = winds_at(own=True, base=True)
     kind, parts, rates = _equations(terms, curls=2)
     last = 2 - terms.momentum

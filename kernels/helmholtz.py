@@ -35,7 +35,7 @@ from swe_sphere.kernels.simd.memory import (
     nodes,
     pick,
 )
-from swe_sphere.kernels.terms import across, along, geometry, given, local, np_, share, state
+from swe_sphere.kernels.terms import across, along, geometry, given, local, np_, share, state_vector
 
 together: Any = Name(lambda t: t.shape == "element", of_elements=True)
 """True if all fluxes use one row of f1 and f2, which stays in the nearest cache.  The thread that
@@ -68,6 +68,7 @@ def derivatives(geo: geometry, a: local, b: local, e: int, n: int):
 
 @kernel
 def gradient(begin: int, geo: geometry, x: local, east: local, north: local):
+    """Store the weighted gradient of x before DSS; runs over (groups, np*np / share) threads."""
     e, part = wp.tid()
     e += begin
     for n in range(part * share, part * share + share):
@@ -86,6 +87,7 @@ def diverge(geo: geometry, f1: local, f2: local, row: int, e: int, n: int, out: 
 
 @kernel
 def divergence(begin: int, geo: geometry, f1: local, f2: local, out: local):
+    """Store the weighted divergence of two fluxes before DSS; runs over (groups, np*np)."""
     e, n = wp.tid()
     diverge(geo, f1, f2, begin + e, begin + e, n, out)
 
@@ -97,7 +99,7 @@ def put_fluxes(geo: geometry, u: value, v: value, row: int, e: int, n: int, f1: 
 
 
 @kernel
-def wind_fluxes(begin: int, geo: geometry, r: state, f1: local, f2: local, out: local):
+def wind_fluxes(begin: int, geo: geometry, r: state_vector, f1: local, f2: local, out: local):
     """Store the fluxes H T V of the wind V of r and, if `together`, their divergence in `out`."""
     e, part = wp.tid()
     e += begin
@@ -130,7 +132,10 @@ def slope_fluxes(
 
 
 @kernel
-def eliminate(begin: int, geo: geometry, field: local, flat: vector, r: state, tau: real, b: local):
+def eliminate(
+    begin: int, geo: geometry, field: local, flat: vector, r: state_vector, tau: real, b: local
+):
+    """Set b = r_h - tau D H T r_V; `field` is the weighted divergence before DSS."""
     e, part = wp.tid()
     e += begin
     for n in range(part * share, part * share + share):
@@ -143,11 +148,15 @@ def chebyshev(
     begin: int, geo: geometry, field: local, flat: vector, sign: real, tau_tau_g: real, keep: real,
     take: real, beta: real, b: local, last: local, r: local, d: local, x: local,
 ):  # fmt: skip
+    """Set r = b + sign S last, d = keep last + take r / diag(S) and x += beta d.
+
+    `field` is D H T G last before DSS, so that S last = last - tau_tau_g times it.
+    """
     e, part = wp.tid()
     e += begin
     for n in range(part * share, part * share + share):
-        second = mul(geo.per_area[e, n], assemble(geo, field, flat, e, n))
-        residual = b[e, n, 0] + sign * (last[e, n, 0] - tau_tau_g * second)
+        waves = mul(geo.per_area[e, n], assemble(geo, field, flat, e, n))
+        residual = b[e, n, 0] + sign * (last[e, n, 0] - tau_tau_g * waves)
         step = keep * last[e, n, 0] + take * mul(geo.per_diagonal[e, n], residual)
         r[e, n, 0] = residual
         d[e, n, 0] = step
@@ -161,13 +170,13 @@ def substitute_kernel(given: Any) -> Any:
     The states r and `out` (3N,) have the number type `given`.
     """
     load_as, put_as = converting(given)
-    state = wp.array(dtype=given)
+    state_vector = wp.array(dtype=given)
 
     @kernel
     def substitute(
         begin: int, places: Places, place: Numbers, inverse_area: vector, same: vector,
-        cross: vector, size: int, east: vector, north: vector, h: vector, r: state, tau_g: real,
-        out: state,
+        cross: vector, size: int, east: vector, north: vector, h: vector, r: state_vector,
+        tau_g: real, out: state_vector,
     ):  # fmt: skip
         node = begin + lanes * wp.tid()
         scale = tau_g * load(inverse_area, node)
@@ -183,7 +192,7 @@ def substitute_kernel(given: Any) -> Any:
 
 
 @kernel
-def to_field(begin: int, node: nodes, x: state, out: local):
+def to_field(begin: int, node: nodes, x: state_vector, out: local):
     """Copy a nodal vector (N,) to a field."""
     e, part = wp.tid()
     e += begin
@@ -192,7 +201,7 @@ def to_field(begin: int, node: nodes, x: state, out: local):
 
 
 @kernel
-def to_nodes(begin: int, place: Numbers, flat: vector, out: state):
+def to_nodes(begin: int, place: Numbers, flat: vector, out: state_vector):
     """Copy a field to a nodal vector (N,)."""
     node = begin + wp.tid()
     out[node] = given(flat[place[node]])

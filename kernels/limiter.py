@@ -12,7 +12,7 @@ bit; a tracer within its bounds keeps all its bits.
 import warp as wp
 
 from swe_sphere.kernels.define import func, kernel, lanes, real, value, vector
-from swe_sphere.kernels.metric import area
+from swe_sphere.kernels.metric import jacobian
 from swe_sphere.kernels.simd.arithmetic import clip, div, mul, rooms
 from swe_sphere.kernels.simd.memory import load, load_nodes, put
 from swe_sphere.kernels.terms import geometry, local, np_
@@ -22,8 +22,8 @@ TINY = 1e-30
 
 
 @func
-def mass(geo: geometry, e: int, n: int):
-    return geo.weight[n // np_, n % np_] * area(geo.basis, e, n)
+def node_area(geo: geometry, e: int, n: int):
+    return geo.weight[n // np_, n % np_] * jacobian(geo.basis, e, n)
 
 
 @func
@@ -61,22 +61,22 @@ def limit_elements(
         excess = value(real(0.0))
         above = value(real(0.0))
         below = value(real(0.0))
-        air = value(real(0.0))
+        volume = value(real(0.0))
         for n in range(np_ * np_):
             h, m, low, high, clipped = bounded(geo, x, depth, at, lower[k], upper[k], e, n)
-            weight = mass(geo, e, n)
+            weight = node_area(geo, e, n)
             excess += mul(weight, m - clipped)
             above += mul(weight, high - clipped)
             below += mul(weight, clipped - low)
-            air += mul(weight, h)
+            volume += mul(weight, h)
         up = share_of(excess, above)
         down = share_of(-excess, below)
-        left = div(excess - mul(up, above) + mul(down, below), air)
+        left = div(excess - mul(up, above) + mul(down, below), volume)
         for n in range(np_ * np_):
             h, m, low, high, clipped = bounded(geo, x, depth, at, lower[k], upper[k], e, n)
             change = clipped - m + mul(up, high - clipped) - mul(down, clipped - low)
             change += mul(left, h)
-            out[e, n, k] = mul(mass(geo, e, n), change)
+            out[e, n, k] = mul(node_area(geo, e, n), change)
 
 
 @kernel

@@ -58,6 +58,6 @@ def curl(d1: value, d2: value):
 
 
 @func
-def area(b: basis, e: int, n: int):
+def jacobian(b: basis, e: int, n: int):
     """Return J, the area element [m2]."""
     return wedge(b[e, n, 0], b[e, n, 1], b[e, n, 2], b[e, n, 3])

@@ -144,7 +144,7 @@ share: Any = Name(lambda t: t.share, of_elements=True)
 geometry: Any = Name(lambda t: t.geometry, of_elements=True)
 given: Any = Name(lambda t: t.given, of_elements=True)
 """Number type of state vectors.  These four names are the members of `KernelTypes` in kernels."""
-state: Any = Name(lambda t: wp.array(dtype=t.given), of_elements=True)
+state_vector: Any = Name(lambda t: wp.array(dtype=t.given), of_elements=True)
 """Array type of a state vector."""
 done: Any = Name(
     lambda t: levels_struct(t.real) if t.steps else wp.array(dtype=t.real), of_elements=True

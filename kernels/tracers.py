@@ -11,7 +11,7 @@ import warp as wp
 from swe_sphere.kernels.assembly import leave_one
 from swe_sphere.kernels.define import kernel, real, value, vector
 from swe_sphere.kernels.formulas import single
-from swe_sphere.kernels.metric import area, contravariant_flux
+from swe_sphere.kernels.metric import contravariant_flux, jacobian
 from swe_sphere.kernels.simd.arithmetic import div, mul
 from swe_sphere.kernels.simd.memory import load_nodes
 from swe_sphere.kernels.simd.stages import stage
@@ -36,14 +36,17 @@ def follow(r: vector, x: vector, q: vector, depth: int, first: int, size: int):
 
 @kernel
 def correct(
-    q: vector, flux: vector, air: vector, factor: real, depth: int, first: int, size: int,
+    q: vector, rates: vector, depth_rate: vector, factor: real, depth: int, first: int, size: int,
     r: vector, x: vector,
 ):  # fmt: skip
-    """Set x_hq = r_hq + q (x_h - r_h) + factor (flux - q air); air (N,) is the flux for q = 1."""
+    """Set x_hq = r_hq + q (x_h - r_h) + factor (rates - q depth_rate).
+
+    rates (count*N,) are -div(q F) of a mass flux F, and depth_rate (N,) is -div F.
+    """
     k, node = wp.tid()
     at = k * size + node
     change = q[at] * (x[depth + node] - r[depth + node])
-    x[first + at] = r[first + at] + change + factor * (flux[at] - q[at] * air[node])
+    x[first + at] = r[first + at] + change + factor * (rates[at] - q[at] * depth_rate[node])
 
 
 @kernel
@@ -68,9 +71,7 @@ def surface_tangent(
 
 
 @kernel
-def mass_flux(
-    wind: vector, x: vector, depth: int, size: int, first: int, s: stage, out: vector
-):  # fmt: skip
+def mass_flux(wind: vector, x: vector, depth: int, size: int, first: int, s: stage, out: vector):
     """Apply the stage s to the mass flux h (u, v) of wind[:2N] and x[depth:], into out[first:]."""
     node = wp.tid()
     h = x[depth + node]
@@ -79,10 +80,10 @@ def mass_flux(
 
 
 @kernel
-def crossings(geo: geometry, flux: vector, air: vector, out: wp.array(dtype=value)):
+def courant_rates(geo: geometry, flux: vector, depth: vector, out: wp.array(dtype=value)):
     """Store the maximum over the nodes of each element of |d xi_1/dt| + |d xi_2/dt| [s-1].
 
-    These are the speeds of the wind flux (2N, ...) / air (N,) in the reference coordinates, in
+    These are the speeds of the wind flux (2N,) / depth (N,) in the reference coordinates, in
     which the sides of an element have length 2. Runs over groups.
     """
     e = wp.tid()
@@ -91,6 +92,6 @@ def crossings(geo: geometry, flux: vector, air: vector, out: wp.array(dtype=valu
         node = geo.nodes[e, n]
         u, v = load_nodes(flux, 0, node), load_nodes(flux, geo.size, node)
         one, two = contravariant_flux(geo.basis, e, n, u, v)
-        room = mul(area(geo.basis, e, n), load_nodes(air, 0, node))
-        most = wp.max(most, div(wp.abs(one) + wp.abs(two), room))
+        volume = mul(jacobian(geo.basis, e, n), load_nodes(depth, 0, node))
+        most = wp.max(most, div(wp.abs(one) + wp.abs(two), volume))
     out[e] = most

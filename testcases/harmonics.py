@@ -190,13 +190,13 @@ class BalancedFlow:
         lon, lat = grid.points
         _, east, north = synthesis(self.streamfunction, lon, lat)
         u, v = -north / self.planet.radius, east / self.planet.radius
-        spin = 2.0 * self.planet.rotation * np.sin(lat)
+        absolute_vorticity = 2.0 * self.planet.rotation * np.sin(lat)
         if not self.linear:
             n = np.arange(degree + 1)[:, None]
             vorticity = -n * (n + 1) * self.streamfunction / self.planet.radius**2
-            spin = spin + synthesis(vorticity, lon, lat)[0]
+            absolute_vorticity = absolute_vorticity + synthesis(vorticity, lon, lat)[0]
         # ∇ψ is (v, -u)
-        flux = grid.against_gradients(spin * v, -spin * u)
+        flux = grid.against_gradients(absolute_vorticity * v, -absolute_vorticity * u)
         geopotential = inverse_laplacian(-flux) * self.planet.radius
         if not self.linear:
             geopotential -= grid.coefficients(0.5 * (u**2 + v**2))

@@ -102,7 +102,7 @@ def relaxed_jet(time: float = 10.0, perturbed: bool = True) -> Scene:
     )  # fmt: skip
 
 
-EQUATOR = EARTH.rotation * EARTH.radius
+EQUATOR_SPEED = EARTH.rotation * EARTH.radius
 """Speed of the planet at its equator [m s-1]."""
 BOTTOM_GEOPOTENTIAL = 10.0
 """The constant k2 in g b of `bottom` [m2 s-2]."""
@@ -127,7 +127,7 @@ def lauter(alpha: float = np.pi / 4.0) -> Scene:
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
         fixed = lon + EARTH.rotation * t
-        turning = EQUATOR * np.sin(lat)
+        turning = EQUATOR_SPEED * np.sin(lat)
         total = SPEED * tilted_latitude(fixed, lat, alpha) + turning
         surface = (133681.0 + 0.5 * turning**2 - 0.5 * total**2) / EARTH.gravity
         return *solid_body(fixed, lat, alpha, SPEED), surface - bottom(lon, lat)
@@ -137,7 +137,8 @@ def lauter(alpha: float = np.pi / 4.0) -> Scene:
 
 def bottom(lon: Array, lat: Array) -> Array:
     """Return the height [m] of a bottom that compensates for the flattening of the planet."""
-    return (0.5 * (EQUATOR * np.sin(lat)) ** 2 + BOTTOM_GEOPOTENTIAL) / EARTH.gravity + 0.0 * lon
+    geopotential = 0.5 * (EQUATOR_SPEED * np.sin(lat)) ** 2 + BOTTOM_GEOPOTENTIAL
+    return geopotential / EARTH.gravity + 0.0 * lon
 
 
 def tilted_jet(alpha: float = 0.08, speed: float = 40.0, gaussian: bool = False) -> Scene:
@@ -161,7 +162,7 @@ def tilted_jet(alpha: float = 0.08, speed: float = 40.0, gaussian: bool = False)
         shape = 1.5 * np.sqrt(3.0) * s**2
         if gaussian:
             shape = np.exp(-(((s - np.sin(np.pi / 4.0)) / 0.2) ** 2)) / np.cos(np.pi / 4.0)
-        flow: Array = EQUATOR + speed * shape
+        flow: Array = EQUATOR_SPEED + speed * shape
         return flow
 
     points, weights = np.polynomial.legendre.leggauss(64)  # exact to round-off
@@ -181,6 +182,6 @@ def tilted_jet(alpha: float = 0.08, speed: float = 40.0, gaussian: bool = False)
         east, north = solid_body(fixed, lat, alpha)
         sine = tilted_latitude(fixed, lat, alpha)
         flow = jet(sine)
-        return flow * east - EQUATOR * np.cos(lat), flow * north, depth(sine)
+        return flow * east - EQUATOR_SPEED * np.cos(lat), flow * north, depth(sine)
 
     return build_scene("tilted-jet", effects=(*ROTATING, Orography()), exact=exact, bottom=bottom)

@@ -12,7 +12,7 @@ from swe_sphere.testcases.flows import cone as conical_mountain
 
 CENTRE = (1.5 * np.pi, 0.0)
 """Longitude and latitude of the splash and of the dam [rad]."""
-STILL = Planet(EARTH.radius, EARTH.gravity, 0.0)
+NON_ROTATING = Planet(EARTH.radius, EARTH.gravity, 0.0)
 
 
 def lake_at_rest(cone: bool = True, rotating: bool = True) -> Scene:
@@ -55,7 +55,7 @@ def splash() -> Scene:
         within = np.minimum(3.0 * distance(lon, lat, *CENTRE), 1.0)
         return 0.0 * lat, 0.0 * lat, 2000.0 + 500.0 * (1.0 + np.cos(np.pi * within))
 
-    return build_scene("splash", effects=DYNAMICS, initial=initial, planet=STILL)
+    return build_scene("splash", effects=DYNAMICS, initial=initial, planet=NON_ROTATING)
 
 
 def gravity_bumps() -> Scene:
@@ -95,7 +95,7 @@ def dam_break(width: float = 0.05) -> Scene:
         across = np.tanh((distance(lon, lat, *CENTRE) - np.pi / 9.0) / width)
         return 0.0 * lon, 0.0 * lat, 1500.0 - 500.0 * across
 
-    return build_scene("dam-break", effects=DYNAMICS, initial=initial, planet=STILL)
+    return build_scene("dam-break", effects=DYNAMICS, initial=initial, planet=NON_ROTATING)
 
 
 def modons() -> Scene:
@@ -118,6 +118,5 @@ def modons() -> Scene:
         speed = 50.0 * (burst(lon, lat, 0.5 * np.pi) - burst(lon, lat, 1.5 * np.pi))
         return speed, 0.0 * lat, 5000.0 + 0.0 * lat
 
-    return build_scene(
-        "modons", effects=(*DYNAMICS, Hyperviscosity(factor=30.0)), initial=initial, planet=STILL
-    )
+    effects = (*DYNAMICS, Hyperviscosity(factor=30.0))
+    return build_scene("modons", effects=effects, initial=initial, planet=NON_ROTATING)

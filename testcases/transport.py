@@ -42,10 +42,10 @@ def moving_vortices(alpha: float = 0.25 * np.pi) -> Scene:
     def wind(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
         centre = turned(start, alpha, ANGULAR_SPEED * t)
         point = position(lon, lat)
-        spin = _vortex_speed(point @ centre)
+        angular_speed = _vortex_speed(point @ centre)
         swirl = np.cross(centre, point)
         east, north = (
-            EARTH.radius * (ANGULAR_SPEED * around + spin * np.sum(swirl * axis, axis=-1))
+            EARTH.radius * (ANGULAR_SPEED * around + angular_speed * np.sum(swirl * axis, axis=-1))
             for around, axis in zip(solid_body(lon, lat, alpha), frame(lon, lat), strict=True)
         )
         return east, north

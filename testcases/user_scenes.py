@@ -37,7 +37,7 @@ from swe_sphere.files.user_file import call_custom, file_contents, is_user_file,
 from swe_sphere.settings.registry import first_line
 from swe_sphere.settings.values import complaint, convert, read_toml
 
-DEPTH = 8
+MAX_NESTING = 8
 """Largest number of files that may build on each other; a longer chain counts as a circle."""
 
 Value = bool | Annotated[int, Field(ge=-(2**63), lt=2**63)] | float | str
@@ -113,7 +113,7 @@ def _load(path: Path, parameters: Mapping[str, Parameter], depth: int = 0) -> Sc
         if not callable(factory):
             raise ConfigError(f"{path} must define scene(**parameters) -> Scene")
         return call_custom(f"scene() of {path}", made, str(path), factory, parameters)
-    if depth == DEPTH:
+    if depth == MAX_NESTING:
         raise ConfigError(f"{path}: its bases form a circle")
     file_contents(path, "scene")
     try:

@@ -164,13 +164,13 @@ class TidalEquations:
     def _matrix(self) -> Array:
         """Matrix M of free waves, σ (ψ, X, η) = M (ψ, X, η); fields have degrees m, m + 1, …."""
         n = self.m + np.arange(self.degrees)
-        total, spin = self._squares[:, 0], 2.0 * self.planet.rotation
-        east = np.diag(-spin * self.m / total)
+        total, two_omega = self._squares[:, 0], 2.0 * self.planet.rotation
+        east = np.diag(-two_omega * self.m / total)
         # ∇·(f ∇Y_n) contains the degrees above and below
         share = np.sqrt((n**2 - self.m**2) / (4.0 * n**2 - 1.0))
         up = np.diag((-n * (n + 2.0))[:-1] * share[1:], -1)
         down = np.diag((-(n - 1.0) * (n + 1.0) * share)[1:], 1)
-        across = spin * (up + down) / total[:, None]
+        across = two_omega * (up + down) / total[:, None]
         none, gravity = np.zeros_like(east), self.planet.gravity * np.eye(self.degrees)
         swelling = np.diag(-self.depth * total / self.planet.radius**2)
         return np.block([[east, -across, none], [-across, east, -gravity], [none, swelling, none]])
@@ -340,9 +340,9 @@ class EquatorialMode:
     @cached_property
     def frequency(self) -> float:
         """Frequency ω [s-1]: the largest ("eig"), middle ("rossby") or smallest ("wig") root."""
-        a, speed, spin = PLANET.radius, np.sqrt(PLANET.gravity * DEPTH), 2.0 * PLANET.rotation
-        p = (speed * self.k / a) ** 2 + spin * (2 * self.n + 1) * speed / a
-        q = spin * speed**2 * self.k / a**2
+        a, speed, two_omega = PLANET.radius, np.sqrt(PLANET.gravity * DEPTH), 2.0 * PLANET.rotation
+        p = (speed * self.k / a) ** 2 + two_omega * (2 * self.n + 1) * speed / a
+        q = two_omega * speed**2 * self.k / a**2
         angle = np.arccos(1.5 * q / p * np.sqrt(3.0 / p)) / 3.0  # three real roots (Viète)
         shift = {"eig": 0, "rossby": 1, "wig": 2}[self.wave]
         return float(2.0 * np.sqrt(p / 3.0) * np.cos(angle - 2.0 * np.pi * shift / 3.0))

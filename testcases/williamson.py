@@ -28,9 +28,9 @@ JET = ZonalJet(SPEED, -np.pi / 6.0, np.pi / 2.0, sharpness=(2.0 * np.pi / 3.0) *
 
 GEOPOTENTIAL = 1e5
 """g h0 of case 4 [m2 s-2]: g h at the poles."""
-CENTRE = np.pi / 4.0
+LOW_LATITUDE = np.pi / 4.0
 """Latitude of the low of case 4 [rad]."""
-STRENGTH = -0.03 * GEOPOTENTIAL / (2.0 * EARTH.rotation * np.sin(CENTRE))
+STRENGTH = -0.03 * GEOPOTENTIAL / (2.0 * EARTH.rotation * np.sin(LOW_LATITUDE))
 """Streamfunction ψ0 at the centre of the low of case 4 [m2 s-1]."""
 SHARPNESS = (2.0 * EARTH.radius / 1e6) ** 2
 """The constant σ of case 4."""
@@ -161,15 +161,15 @@ def williamson6(perturbation: float = 0.0, omega: float = 7.848e-6, depth: float
     """
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        r, a, k, turn = 4, EARTH.radius, omega, EARTH.rotation
+        r, a, k, rotation = 4, EARTH.radius, omega, EARTH.rotation
         c, s = np.cos(lat), np.sin(lat)
         u = a * k * (c + c ** (r - 1) * (r * s**2 - c**2) * np.cos(r * lon))
         v = -a * k * r * c ** (r - 1) * s * np.sin(r * lon)
         # the factor c⁻² of the paper is cancelled, so that all terms are finite at the poles
-        zonal = 0.5 * k * (2.0 * turn + k) * c**2 + 0.25 * k**2 * c ** (2 * r - 2) * (
+        zonal = 0.5 * k * (2.0 * rotation + k) * c**2 + 0.25 * k**2 * c ** (2 * r - 2) * (
             (r + 1) * c**4 + (2 * r**2 - r - 2) * c**2 - 2 * r**2
         )
-        once = 2.0 * (turn + k) * k / ((r + 1) * (r + 2)) * c**r
+        once = 2.0 * (rotation + k) * k / ((r + 1) * (r + 2)) * c**r
         once = once * ((r**2 + 2 * r + 2) - (r + 1) ** 2 * c**2)
         twice = 0.25 * k**2 * c ** (2 * r) * ((r + 1) * c**2 - (r + 2))
         wave = zonal + once * np.cos(r * lon) + twice * np.cos(2 * r * lon)
@@ -194,7 +194,7 @@ def williamson4(u0: float = 20.0) -> Scene:
     Args:
         u0: speed of the jets at 45°N and 45°S [m s-1]; 20 and 40 in the paper.
     """
-    a, speed = EARTH.radius, u0 / EARTH.radius
+    a, angular_speed = EARTH.radius, u0 / EARTH.radius
 
     def jet(lat: Array) -> Array:
         """Return ū [m s-1]."""
@@ -221,7 +221,7 @@ def williamson4(u0: float = 20.0) -> Scene:
 
     def rates(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
         c, c_lat, side, psi, once, twice = _low(lon, lat)
-        around, sin, cos = np.cos(CENTRE) * np.cos(lon), np.sin(lat), np.cos(lat)
+        around, sin, cos = np.cos(LOW_LATITUDE) * np.cos(lon), np.sin(lat), np.cos(lat)
         u, v = -once * c_lat / a, -once * side / a
         u_lon = side * (twice * cos * c_lat - once * sin) / a
         v_lon = (twice * cos * side**2 - once * around) / a
@@ -229,14 +229,14 @@ def williamson4(u0: float = 20.0) -> Scene:
         v_lat = -twice * side * c_lat / a**2
         # (∂v/∂λ / cos θ + u tan θ) / a, with the terms infinite at the poles cancelled
         bend = (twice * side**2 - once * c) / a**2
-        sin13, mean, spin = np.sin(2.0 * lat) ** 13, jet(lat), 2.0 * EARTH.rotation * cos
+        sin13, mean, two_omega_cos = np.sin(2.0 * lat) ** 13, jet(lat), 2.0 * EARTH.rotation * cos
         mean_tan = 2.0 * u0 * sin13 * sin**2  # ū tan θ: zero at the poles
         total, shear = mean + u, 28.0 * u0 * sin13 * np.cos(2.0 * lat) / a + u_lat
-        east = -speed * u_lon - total * v_lat + v * shear
-        north = -speed * v_lon + total * bend + v * v_lat
-        north += (mean_tan * u + spin * psi) / a
+        east = -angular_speed * u_lon - total * v_lat + v * shear
+        north = -angular_speed * v_lon + total * bend + v * v_lat
+        north += (mean_tan * u + two_omega_cos * psi) / a
         pull = -u0 * EARTH.coriolis(lon, lat) * cos
-        geopotential = v * (pull + (spin * psi - mean * mean_tan) / a)
+        geopotential = v * (pull + (two_omega_cos * psi - mean * mean_tan) / a)
         return east, north, geopotential / EARTH.gravity
 
     return build_scene("williamson4", effects=(*ROTATING, Forcing()), exact=exact, forcing=forcing)
@@ -248,13 +248,13 @@ def _low(lon: Array, lat: Array) -> tuple[Array, Array, Array, Array, Array, Arr
     lon: longitude minus that of the centre of the low [rad].
     """
     sin, cos = np.sin(lat), np.cos(lat)
-    around, side = np.cos(CENTRE) * np.cos(lon), np.cos(CENTRE) * np.sin(lon)
-    c = np.sin(CENTRE) * sin + np.cos(CENTRE) * cos * np.cos(lon)
+    around, side = np.cos(LOW_LATITUDE) * np.cos(lon), np.cos(LOW_LATITUDE) * np.sin(lon)
+    c = np.sin(LOW_LATITUDE) * sin + np.cos(LOW_LATITUDE) * cos * np.cos(lon)
     near = np.maximum(1.0 + c, 1e-9)  # zero at the antipode of the centre
     psi = STRENGTH * np.exp(-SHARPNESS * (1.0 - c) / near)
     once = 2.0 * SHARPNESS * psi / near**2
     twice = 4.0 * SHARPNESS * psi * (SHARPNESS - near) / near**4
-    return c, np.sin(CENTRE) * cos - around * sin, side, psi, once, twice
+    return c, np.sin(LOW_LATITUDE) * cos - around * sin, side, psi, once, twice
 
 
 def mcdonald_bates() -> Scene:

@@ -195,7 +195,7 @@ def test_spectrum_has_drag_and_relaxation() -> None:
         if model.names != ("h",):
             u, v = state.reshape(3, -1)[:2]
             state[: 2 * MESH.size] *= 30.0 / np.hypot(u, v).max()
-        spectrum = model.spectrum(model.device_mesh.upload(state))
+        spectrum = model.spectral_radii(model.device_mesh.upload(state))
         assert spectrum.dissipation == pytest.approx(expected, rel=0.02)
         assert spectrum.wave > 0.0
 
@@ -205,7 +205,7 @@ def test_explicit_spectrum_of_semi_implicit_steppers_has_drag_too() -> None:
     model = Model(MESH, make_scene("pressure").with_effect(Drag(quadratic=1e-5)))
     state = random_state(model)
     u, v = state.reshape(3, -1)[:2]
-    spectrum = STEPPERS["semi-implicit"].spectrum(model, model.device_mesh.upload(state))
+    spectrum = STEPPERS["semi-implicit"].spectral_radii(model, model.device_mesh.upload(state))
     assert spectrum.dissipation == pytest.approx(2e-5 * np.hypot(u, v).max(), rel=0.02)
 
 

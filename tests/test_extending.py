@@ -18,7 +18,7 @@ from support import random_state, relative, tangent, tendency
 from swe_sphere.analysis.accessor import open_run
 from swe_sphere.cli.main import main
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.spectrum import Spectrum
+from swe_sphere.equations.spectrum import SpectralRadii
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.checkpoint import read_checkpoint
 from swe_sphere.mesh import Mesh
@@ -105,9 +105,9 @@ def test_preconditioners_of_the_page_precondition(here, file: str, part: float) 
 
 
 def test_the_low_storage_limit_is_that_of_all_methods_of_order_and_stages_three(here) -> None:
-    limit = STEPPERS["ssprk3"].stable_dt(Spectrum(1e-3))
+    limit = STEPPERS["ssprk3"].stable_dt(SpectralRadii(1e-3))
     for file in ("ralston.py", "low_storage.py"):
-        assert get_stepper(file).stable_dt(Spectrum(1e-3)) == pytest.approx(limit, rel=1e-3)
+        assert get_stepper(file).stable_dt(SpectralRadii(1e-3)) == pytest.approx(limit, rel=1e-3)
 
 
 def test_a_stepper_without_growth_is_one_line(here) -> None:
@@ -138,7 +138,8 @@ def test_the_class_in_a_file_is_as_good_as_the_file(here) -> None:
     found = get_stepper("low_storage.py")
     sim = Simulation("lauter", ne=2, np=4, dt=600.0, stepper=found)
     assert sim.run(days=0.05, out=here / "run.nc").completed
-    assert Simulation.from_checkpoint(here / "run.nc", trust=["low_storage.py"]).kind is found
+    resumed = Simulation.from_checkpoint(here / "run.nc", trust=["low_storage.py"])
+    assert resumed.stepper_class is found
     plan = {"ne": 2, "np": 4, "days": 0.05, "dt": 2160.0, "repeats": 1}
     runs = [sweep("lauter", [which], **plan) for which in (found, "low_storage.py")]
     assert runs[0].error.equals(runs[1].error)
@@ -220,7 +221,7 @@ def test_a_failing_step_names_the_line(here) -> None:
      ("-5", "the stability limit of low-storage is -5 s: choose a step")],
 )  # fmt: skip
 def test_a_limit_that_is_none_is_one_clear_line(here, limit: str, message: str) -> None:
-    limited = f"    @classmethod\n    def stable_dt(cls, spectrum):\n        return {limit}\n"
+    limited = f"    @classmethod\n    def stable_dt(cls, radii):\n        return {limit}\n"
     Path("mine.py").write_text(EXAMPLES["low_storage.py"] + limited)
     with pytest.raises(ConfigError, match=message):
         run_scene(make_config(SMALL | {"stepper": "mine.py", "dt": "auto"}))

@@ -290,7 +290,7 @@ def test_to_look_at_a_simulation_does_not_begin_it():
         None,
         None,
     )
-    assert float(sim.state.h.max()) == sim.start["h"].max()
+    assert float(sim.state.h.max()) == sim.initial_fields["h"].max()
     assert sim.diagnostics["l2_h"] == 0.0 and "courant_gravity" not in sim.diagnostics
     assert ("result", "not begun at day 0 after 0 steps") in sim.summary.rows()
     assert "not begun" in sim._repr_html_() and "not begun" in repr(sim)

@@ -409,7 +409,7 @@ def test_errors_of_numerical_libraries_end_a_run_with_its_frames(monkeypatch, tm
     def fail(stepper):
         raise ArpackError(-9999)
 
-    monkeypatch.setattr(sim.kind, "advance", fail)
+    monkeypatch.setattr(sim.stepper_class, "advance", fail)
     summary = sim.run(days=0.1, out=tmp_path / "run.nc")
     assert summary.status == "solver-failed" and "ARPACK" in summary.reason
     assert get_frames(tmp_path / "run.nc") == 1

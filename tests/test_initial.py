@@ -36,7 +36,7 @@ def test_the_state_on_the_same_mesh_is_that_of_the_frame_bit_for_bit(made, form)
     }[form]  # fmt: skip
     again = Simulation("williamson6", ne=3, np=5, dt=900.0, initial=initial)
     for name in ("u", "v", "h"):
-        assert np.array_equal(again.start[name], sim.state[name]), name
+        assert np.array_equal(again.initial_fields[name], sim.state[name]), name
     assert again.run(days=0.25).status == "completed"
     assert again.steps == 24
 
@@ -46,7 +46,7 @@ def test_any_frame_is_chosen_by_its_time(made):
     for day in (0.0, 0.25):
         sim = Simulation("williamson6", ne=3, np=5, initial=path, initial_time=day)
         frame = open_run(path).sel(time=day * DAY)
-        assert np.array_equal(sim.start["h"], frame.h)
+        assert np.array_equal(sim.initial_fields["h"], frame.h)
     with pytest.raises(ConfigError, match=r"holds no frame at day 0.3: the last ones are at day"):
         Simulation("williamson6", initial=path, initial_time=0.3)
 
@@ -70,9 +70,9 @@ def test_fields_on_another_mesh_are_those_of_the_polynomials(tmp_path):
     exact = get_scene("williamson2").initial(turned.mesh.lon, turned.mesh.lat)
     for name, values in zip(("u", "v", "h"), exact, strict=True):
         scale = np.abs(values).max() or 40.0
-        assert np.abs(turned.start[name] - values).max() < 1e-5 * max(scale, 40.0), name
+        assert np.abs(turned.initial_fields[name] - values).max() < 1e-5 * max(scale, 40.0), name
     finer = Simulation("williamson2", ne=4, np=8, spin=0.0, initial=path)
-    assert np.array_equal(finer.start["h"], flat.start["h"])
+    assert np.array_equal(finer.initial_fields["h"], flat.initial_fields["h"])
 
 
 @pytest.mark.parametrize(
@@ -95,8 +95,8 @@ def test_a_function_replaces_the_initial_state():
         return 0.0 * lon, 0.0 * lon, 5000.0 + 100.0 * np.cos(lat)
 
     sim = Simulation("williamson2", ne=2, np=4, dt=600.0, initial=calm)
-    assert sim.start["u"].max() == 0.0
-    assert sim.start["h"].max() == pytest.approx(5100.0)
+    assert sim.initial_fields["u"].max() == 0.0
+    assert sim.initial_fields["h"].max() == pytest.approx(5100.0)
     assert sim.run(days=0.125)["l2_h"] is None  # williamson2 starts otherwise
 
 
@@ -116,11 +116,11 @@ def test_tracers_come_from_the_frame_and_others_begin_as_in_the_scene(tmp_path):
     sim.run(days=1.0, out=path)
     tracer = next(key for key in sim.to_xarray().data_vars if str(key).startswith("q_"))
     again = Simulation(name, ne=4, np=4, initial=path)
-    assert np.allclose(again.start[tracer], sim.state[tracer], rtol=0.0, atol=1e-14)
+    assert np.allclose(again.initial_fields[tracer], sim.state[tracer], rtol=0.0, atol=1e-14)
     bare = open_run(path).drop_vars(tracer)
     fresh = Simulation(name, ne=4, np=4, initial=bare)
-    scene = Simulation(name, ne=4, np=4).start
-    assert np.allclose(fresh.start[tracer], scene[tracer], rtol=1e-13, atol=0.0)
+    scene = Simulation(name, ne=4, np=4).initial_fields
+    assert np.allclose(fresh.initial_fields[tracer], scene[tracer], rtol=1e-13, atol=0.0)
 
 
 def test_what_is_prescribed_in_time_continues_from_the_time_of_the_frame(tmp_path):
@@ -235,7 +235,7 @@ def test_frames_without_the_fields_or_with_nan_are_refused(made):
     with pytest.raises(ConfigError, match=r"is not finite in a dataset at day 0.5: take an earl"):
         Simulation("williamson2", ne=2, initial=spoilt)
     at = Simulation("williamson2", ne=2, np=4, initial=spoilt, initial_time=0.25)
-    assert np.isfinite(at.start["h"]).all()
+    assert np.isfinite(at.initial_fields["h"]).all()
 
 
 def test_the_file_that_a_run_begins_from_is_not_its_output(made):
@@ -250,7 +250,7 @@ def test_the_file_that_a_run_begins_from_is_not_its_output(made):
 def test_the_interpolated_mass_is_that_of_the_frame_to_the_order_of_the_elements(made):
     path, sim = made
     other = Simulation("williamson6", ne=6, np=6, initial=path)
-    ours = np.average(other.start["h"], weights=other.mesh.area)
+    ours = np.average(other.initial_fields["h"], weights=other.mesh.area)
     theirs = np.average(sim.state.h, weights=Mesh.build(3, 5).area)
     assert ours == pytest.approx(theirs, rel=1e-4)
 
@@ -260,7 +260,8 @@ def test_a_dataset_that_is_changed_later_changes_no_simulation(made):
     for _ in range(2):
         ds.h.values[:] += 1.0
         sims.append(Simulation("williamson6", ne=3, np=5, dt=900.0, initial=ds))
-    assert np.allclose(sims[1].start["h"] - sims[0].start["h"], 1.0, rtol=0.0, atol=1e-8)
+    first, second = (sim.initial_fields["h"] for sim in sims)
+    assert np.allclose(second - first, 1.0, rtol=0.0, atol=1e-8)
 
 
 def test_a_file_on_a_grid_is_refused_as_such(made, tmp_path):
@@ -274,11 +275,11 @@ def test_a_lake_at_rest_stays_at_rest_on_another_mesh_and_over_another_bottom():
     """The surface of the frame is kept, not its depth over a bottom that is interpolated."""
     lake = Simulation("lake-at-rest", ne=3, np=5).state
     other = Simulation("lake-at-rest", ne=4, np=6, initial=lake)
-    level = other.start["h"] + other.start["b"]
+    level = other.initial_fields["h"] + other.initial_fields["b"]
     assert np.ptp(level) < 1e-9 * level.max()
     assert other.run(days=0.05)["max_wind"] < 1e-9
     flat = Simulation("williamson2", ne=3, np=5).state
     over = Simulation("williamson5", ne=3, np=5, initial=flat)
-    assert np.allclose(over.start["h"] + over.start["b"], flat.h, rtol=1e-14)
+    assert np.allclose(over.initial_fields["h"] + over.initial_fields["b"], flat.h, rtol=1e-14)
     back = Simulation("williamson2", ne=3, np=5, initial=over.state)
-    assert np.allclose(back.start["h"], flat.h, rtol=1e-14)
+    assert np.allclose(back.initial_fields["h"], flat.h, rtol=1e-14)

@@ -112,7 +112,7 @@ def test_a_linear_wave_may_undershoot_zero_depth() -> None:
         return u, v, h + 3000.0 * np.sin(lat)
 
     sim = Simulation(replace(scene, initial=initial), mesh=MESH, dt=600.0)
-    assert sim.start["h"].min() < -1000.0
+    assert sim.initial_fields["h"].min() < -1000.0
     assert sim.run(days=0.25).completed
 
 

@@ -60,9 +60,9 @@ def dealt_out(mesh, monkeypatch):
 @pytest.mark.parametrize("ranks", [700, thorough(PIECES)])
 def test_thousands_of_ranks_have_each_element_and_each_node_once(mesh, dealt_out, ranks):
     parts = dealt_out(ranks)
-    elements = np.concatenate([part.elements for part in parts])
-    owned = np.concatenate([part.nodes[part.owned] for part in parts])
-    assert min(part.elements.size for part in parts) > 0
+    elements = np.concatenate([part.element_numbers for part in parts])
+    owned = np.concatenate([part.node_numbers[part.owned] for part in parts])
+    assert min(part.element_numbers.size for part in parts) > 0
     assert np.array_equal(np.sort(elements), np.arange(mesh.elements))
     assert np.array_equal(np.sort(owned), np.arange(mesh.size))
     sent = sum(place.size for part in parts for place in part.sends.values())
@@ -101,7 +101,7 @@ def sums(parts, fields):
     for _ in range(2):  # all have sent theirs when they are asked the second time
         found = []
         for part, chunks in zip(parts, ranks, strict=True):
-            nodal, sums = fields[:, part.nodes], chunks.partial_sums(len(fields))
+            nodal, sums = fields[:, part.node_numbers], chunks.partial_sums(len(fields))
             sums[: chunks.count] = [
                 sum(nodal[:, slice(*span)].copy().sum(axis=1) for span in spans)
                 for spans in part.spans.swapaxes(0, 1)

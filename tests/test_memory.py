@@ -141,7 +141,7 @@ def resident() -> float:
 
 def test_spectrum_keeps_no_vectors_alive(small_mesh) -> None:
     model = Model(small_mesh, get_scene("williamson5"))
-    model.spectrum(model.initial_state())
+    model.spectral_radii(model.initial_state())
     assert not model.launch._commands
 
 

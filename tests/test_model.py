@@ -20,7 +20,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.operators import Launcher
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.planet import EARTH
-from swe_sphere.solvers.gravity_waves import explicit_spectrum
+from swe_sphere.solvers.gravity_waves import explicit_radii
 from swe_sphere.testcases import get_scene
 
 FULL = ("advection", "pressure", "rotation", "orography", "viscosity", "hyperviscosity")
@@ -219,7 +219,7 @@ def test_a_right_hand_side_is_two_frames_above_its_launches(small_mesh, scene, l
             path = [frame.f_code.co_qualname]
             while (frame := frame.f_back).f_code is not RightHandSide.__call__.__code__:
                 # launches under other names: a sum of vectors, the runs of a span, all elements
-                if frame.f_code.co_name not in ("combine", "launch_all", "sweep"):
+                if frame.f_code.co_name not in ("combine", "launch_all", "over_elements"):
                     path.append(frame.f_code.co_qualname)
             names.append(path)
 
@@ -267,8 +267,8 @@ def test_tracers_that_the_scene_lacks_are_refused(small_mesh) -> None:
 
 def test_spectra_count_no_evaluations(small_mesh) -> None:
     model = Model(small_mesh, get_scene("williamson2"))
-    model.spectrum(state := model.initial_state())
-    explicit_spectrum(model, state)
+    model.spectral_radii(state := model.initial_state())
+    explicit_radii(model, state)
     assert model.counters["rhs_evaluations"] == 0
 
 

@@ -17,7 +17,7 @@ from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.dirk import SDIRK3, TRBDF2
 from swe_sphere.steppers.imex_runge_kutta import ARK2, ARS343
 from swe_sphere.steppers.leapfrog import SemiImplicit
-from swe_sphere.steppers.stage_solver import Motion
+from swe_sphere.steppers.stage_solver import TimeDerivatives
 from swe_sphere.testcases import get_scene
 
 TURN = 1e-4
@@ -39,10 +39,10 @@ def polynomial(t: float) -> np.ndarray:
     return np.array([5.0 + 1000.0 * t, 2.0 * t**2, 250.0 * t**3])
 
 
-def observed(times: list[float]) -> Motion:
+def observed(times: list[float]) -> TimeDerivatives:
     """A motion that took note of the steps between these times."""
     space = VectorSpace(np.ones(3))
-    motion, states = Motion(space), []
+    motion, states = TimeDerivatives(space), []
     for t in times:
         states.append(space.zeros())
         states[-1].assign(polynomial(t))
@@ -71,7 +71,7 @@ def test_second_frequency_is_of_the_change_of_the_bend() -> None:
 
 def test_motion_goes_on_from_what_it_remembers() -> None:
     whole, part = observed([0.0, 0.3, 0.4, 1.0]), observed([0.0, 0.3, 0.4])
-    resumed = Motion(VectorSpace(np.ones(3)))
+    resumed = TimeDerivatives(VectorSpace(np.ones(3)))
     resumed.load_numbers(part.numbers())
     for name, array in resumed.arrays().items():
         wp.copy(array, part.arrays()[name])

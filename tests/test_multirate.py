@@ -11,7 +11,7 @@ import pytest
 from support import make_scene, random_state, relative
 
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.spectrum import Spectrum
+from swe_sphere.equations.spectrum import SpectralRadii
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
@@ -111,7 +111,7 @@ def test_limits_are_neither_unsafe_nor_wasteful() -> None:
     """Over a mountain, in winds of up to an eighth of the wave speed."""
     model = Model(Mesh.build(8, 4), get_scene("williamson5"))
     start = model.initial_state()
-    spectrum = MIS3C.spectrum(model, start)
+    spectrum = MIS3C.spectral_radii(model, start)
     limit, ends = MIS3C.stable_dt(spectrum), []
     assert limit * spectrum.wave > 12.0
     noise = 1e-3 * (random_state(model) - random_state(model, 2))
@@ -132,10 +132,10 @@ def test_limits_of_the_analysis(name: str) -> None:
     1.73 is the limit of third-order methods with three stages; without wind every step is stable.
     """
     cls = STEPPERS[name]
-    assert cls.stable_dt(Spectrum(1.0)) == pytest.approx(cls.reach, rel=1e-3)
-    alone = cls.stable_dt(Spectrum(1.0, 0.0, 0.05))
+    assert cls.stable_dt(SpectralRadii(1.0)) == pytest.approx(cls.reach, rel=1e-3)
+    alone = cls.stable_dt(SpectralRadii(1.0, 0.0, 0.05))
     assert 0.05 * alone == pytest.approx({"mis2": 0.23, "mis3c": 3.0**0.5}[name], rel=0.05)
-    assert cls.stable_dt(Spectrum(1.0, 0.0, 0.3)) < 3.0
+    assert cls.stable_dt(SpectralRadii(1.0, 0.0, 0.3)) < 3.0
 
 
 def test_constant_tracers_stay_so_and_masses_stay() -> None:

@@ -191,7 +191,7 @@ def test_spectrum_knows_it_with_a_derivative_or_without(path: Path) -> None:
     radii = []
     for scene in (own(path, "friction"), own(path, "rough"), with_drag()):
         model = Model(MESH, scene)
-        spectrum = model.spectrum(model.device_mesh.upload(random_state(model)))
+        spectrum = model.spectral_radii(model.device_mesh.upload(random_state(model)))
         radii.append((spectrum.wave, spectrum.dissipation))
     np.testing.assert_allclose(radii, [radii[2]] * 3, rtol=1e-4)
     assert radii[2][1] > 1e-5

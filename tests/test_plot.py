@@ -466,7 +466,7 @@ def test_fields_of_ones_own_are_drawn_and_compared_with_their_units(tmp_path, mo
     fields = dict.fromkeys(("h", "u", "v", "vorticity", "divergence"), np.ones(mesh.size))
     about = {"pv": {"long_name": "potential vorticity", "units": "m-1 s-1"}}
     path = tmp_path / f"own.{ending}"
-    with FrameWriter(path, mesh, {}, own=about, own_fields={"pv": mesh.lat}) as writer:
+    with FrameWriter(path, mesh, {}, about=about, user_fields={"pv": mesh.lat}) as writer:
         for k in range(2):
             writer.write(60.0 * k, fields | {"pv": k + np.sin(mesh.lat)})
     assert plot_file(path, "pv", out=tmp_path / "pv.png").stat().st_size > 10_000

@@ -70,7 +70,7 @@ class OneOfFive(Communicator):
     size, shared = 5, True
 
     def __init__(self, fields, parts):
-        self._owned = [part.nodes[part.owned] for part in parts]
+        self._owned = [part.node_numbers[part.owned] for part in parts]
         self._fields, self.rooms = iter(fields), []
 
     def allgather(self, mine):
@@ -95,24 +95,25 @@ def test_fields_of_all_ranks_are_joined_one_after_the_other(mesh, parts):
 
 
 def test_every_element_and_every_node_is_counted_once(mesh, parts):
-    assert sorted(np.concatenate([part.elements for part in parts])) == list(range(mesh.elements))
-    owned = np.concatenate([part.nodes[part.owned] for part in parts])
+    elements = np.concatenate([part.element_numbers for part in parts])
+    assert sorted(elements) == list(range(mesh.elements))
+    owned = np.concatenate([part.node_numbers[part.owned] for part in parts])
     assert sorted(owned) == list(range(mesh.size))
     for part in parts:
-        assert np.array_equal(part.nodes[part.node_of], mesh.nodes[part.elements])
+        assert np.array_equal(part.node_numbers[part.nodes], mesh.nodes[part.element_numbers])
 
 
 def test_contributors_meet_in_the_order_of_the_whole_mesh(mesh, parts):
     """Numbered by their place in the mesh, and sent as ranks send them."""
     points, everything = mesh.np**2, single_part(mesh, "node")
-    own = [(p.elements[:, None] * points + np.arange(points)).ravel() for p in parts]
+    own = [(p.element_numbers[:, None] * points + np.arange(points)).ravel() for p in parts]
     expected = np.split(everything.contributors, np.cumsum(everything.counts)[:-1])
     for rank, part in enumerate(parts):
         sent = [own[other][parts[other].sends[rank]] for other in part.receives]
         assert [len(each) for each in sent] == [*part.receives.values()]
         there = np.concatenate([own[rank], np.concatenate(sent)[::-1]])  # -1 - k is the k-th sent
         found = np.split(there[part.contributors], np.cumsum(part.counts)[:-1])
-        assert all(map(np.array_equal, found, [expected[node] for node in part.nodes]))
+        assert all(map(np.array_equal, found, [expected[node] for node in part.node_numbers]))
 
 
 def test_elements_away_from_the_rim_stand_in_front():
@@ -120,24 +121,25 @@ def test_elements_away_from_the_rim_stand_in_front():
     parts = parts_of(mesh, 5)
     holders = np.zeros(mesh.size, dtype=int)
     for part in parts:
-        holders[part.nodes] += 1
+        holders[part.node_numbers] += 1
     for part in parts:
-        shared = (holders[part.nodes][part.node_of] > 1).any(axis=(1, 2))
-        assert 0 < part.away < part.elements.size and not shared[: part.away].any()
+        shared = (holders[part.node_numbers][part.nodes] > 1).any(axis=(1, 2))
+        assert 0 < part.interior_elements < part.element_numbers.size
+        assert not shared[: part.interior_elements].any()
 
 
 def test_the_finest_meshes_here_have_elements_to_compute_behind_messages():
     cases = [[*each[4:6], lanes] for each, lanes in ((EXPLICIT[-1], 8), (SUMMING[-1], 16))]
     for ne, np_, lanes in cases:
         parts = parts_of(Mesh.build(ne, np_), 3)
-        assert min(part.away // lanes for part in parts) >= LEAST_AWAY
+        assert min(part.interior_elements // lanes for part in parts) >= LEAST_AWAY
 
 
 def test_large_meshes_are_dealt_out_in_blocks():
     """Inner nodes of a block of elements stand as they do in the mesh itself."""
     mesh = Mesh.build(14, 3)
     for part in parts_of(mesh, 3):
-        inner = part.node_of[: part.elements.size // BLOCK * BLOCK, 1, 1]
+        inner = part.nodes[: part.element_numbers.size // BLOCK * BLOCK, 1, 1]
         assert inner.size > 0 and np.array_equal(inner, np.arange(inner.size))
 
 
@@ -241,7 +243,7 @@ def test_every_stepper_and_every_scene_has_the_same_bits_on_any_number_of_ranks(
 def test_nothing_is_sent_but_what_others_need(few):
     """Each element node at a node that others hold goes to each of them: three float64 fields."""
     mesh = Mesh.build(*FEW[0][4:6])
-    owner = {e: rank for rank, part in enumerate(parts_of(mesh, 2)) for e in part.elements}
+    owner = {e: rank for rank, part in enumerate(parts_of(mesh, 2)) for e in part.element_numbers}
     holders = [set() for _ in range(mesh.size)]
     for e, nodes in enumerate(mesh.nodes.reshape(mesh.elements, -1)):
         for node in nodes:

@@ -16,7 +16,7 @@ from support import IMEX, advance, make_scene, random_state, relative
 from swe_sphere import Simulation
 from swe_sphere.equations.effects import Viscosity
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.spectrum import Spectrum
+from swe_sphere.equations.spectrum import SpectralRadii
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import sparse
@@ -25,7 +25,7 @@ from swe_sphere.solvers.gravity_waves import (
     INERTIAL,
     GravityWaves,
     advection_rate,
-    explicit_spectrum,
+    explicit_radii,
     reference_depth,
 )
 from swe_sphere.steppers import STEPPERS
@@ -113,7 +113,7 @@ def test_coriolis_force_limits_steps_where_waves_are_slower_than_the_wind(small_
     """Implicit waves do not hold inertial oscillations then, which the wind carries along."""
     layer, deep = (Model(small_mesh, scene) for scene in (thin_flow(1.0, 0.0), thin_flow(1e4, 0.0)))
     slow, fast = (
-        STEPPERS["semi-implicit"].spectrum(model, model.initial_state()).wave
+        STEPPERS["semi-implicit"].spectral_radii(model, model.initial_state()).wave
         for model in (layer, deep)
     )
     assert slow - np.abs(layer.coriolis).max() == pytest.approx(fast, rel=0.1)
@@ -138,7 +138,7 @@ def test_ars343_takes_shorter_steps_in_winds_near_the_speed_of_waves(depth, rati
     """It amplifies waves that are less than about 2.7 times as fast as the wind."""
     model = Model(Mesh.build(2, 4), thin_flow(depth, 1.0))
     state = model.initial_state()
-    radii = [STEPPERS[name].spectrum(model, state).wave for name in ("ars343", "ark2")]
+    radii = [STEPPERS[name].spectral_radii(model, state).wave for name in ("ars343", "ark2")]
     assert radii[0] / radii[1] == pytest.approx(ratio)
 
 
@@ -326,14 +326,14 @@ def mountain():
     """Williamson 5 on a coarse mesh, its state, the leapfrog limit and the spectrum left."""
     model = Model(Mesh.build(8, 4), get_scene("williamson5"))
     state = model.initial_state()
-    limit = STEPPERS["leapfrog"].stable_dt(Spectrum(model.spectrum(state).wave))
-    return model, state, limit, STEPPERS["semi-implicit"].spectrum(model, state)
+    limit = STEPPERS["leapfrog"].stable_dt(SpectralRadii(model.spectral_radii(state).wave))
+    return model, state, limit, STEPPERS["semi-implicit"].spectral_radii(model, state)
 
 
 @pytest.mark.parametrize(("name", "beyond"), [("semi-implicit", 6), ("ark2", 6), ("ars343", 13)])
 def test_stable_far_beyond_the_explicit_limit(mountain, name: str, beyond: float) -> None:
     model, state, limit, rest = mountain
-    dt = STEPPERS[name].safety * STEPPERS[name].stable_dt(Spectrum(rest.wave))
+    dt = STEPPERS[name].safety * STEPPERS[name].stable_dt(SpectralRadii(rest.wave))
     assert dt > beyond * limit
     fields = model.fields(advance(name, model, state, dt, 86400.0).state)
     assert np.hypot(fields["u"], fields["v"]).max() < 45.0
@@ -344,7 +344,7 @@ def test_stable_far_beyond_the_explicit_limit(mountain, name: str, beyond: float
 def test_automatic_steps_are_not_wasteful(mountain, name: str, times: float) -> None:
     """Steps so much longer blow up when the wind over the mountain has grown."""
     model, state, _, rest = mountain
-    dt = times * STEPPERS[name].safety * STEPPERS[name].stable_dt(Spectrum(rest.wave))
+    dt = times * STEPPERS[name].safety * STEPPERS[name].stable_dt(SpectralRadii(rest.wave))
     with pytest.raises(RunFailed, match="smaller --dt"), np.errstate(all="ignore"):
         advance(name, model, state, dt, 6 * 86400.0)
 
@@ -372,7 +372,7 @@ def test_inertial_waves_limit_steps_where_the_wind_is_slow(small_mesh) -> None:
     state = model.initial_state()
     slowest = INERTIAL * np.abs(model.coriolis).max()
     assert advection_rate(model, state) < 0.1 * slowest
-    assert explicit_spectrum(model, state).wave == pytest.approx(slowest)
+    assert explicit_radii(model, state).wave == pytest.approx(slowest)
 
 
 @pytest.mark.parametrize("name", IMEX)
@@ -381,8 +381,8 @@ def test_automatic_steps_over_a_mountain_in_a_slow_wind(name: str) -> None:
     mesh = Mesh.build(4, 4, stretch=4.0, centre=(270.0, 30.0))
     model, kind = Model(mesh, get_scene("williamson5", speed=2.0)), STEPPERS[name]
     state = model.initial_state()
-    dt = kind.safety * kind.stable_dt(kind.spectrum(model, state))
-    assert dt * model.spectrum(state).wave > 10.0
+    dt = kind.safety * kind.stable_dt(kind.spectral_radii(model, state))
+    assert dt * model.spectral_radii(state).wave > 10.0
     fields = model.fields(advance(name, model, state, dt, 2.0 * 86400.0).state)
     assert np.hypot(fields["u"], fields["v"]).max() < 10.0
 

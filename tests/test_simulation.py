@@ -57,7 +57,7 @@ def stand_in(limit, family="explicit", u=(0.0,), v=(0.0,), **kind):
     """What an automatic step is chosen by: a stepper, its limit [s], winds [m s-1], 1 km."""
     kind = {"name": "a", "family": family, "safety": 0.9, "courant": 2.0, "longest": 3000.0, **kind}
     return SimpleNamespace(
-        kind=SimpleNamespace(**kind),
+        stepper_class=SimpleNamespace(**kind),
         stable_dt=lambda: limit,
         limiting_times=lambda: [0.0],
         model=SimpleNamespace(

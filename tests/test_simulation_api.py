@@ -206,7 +206,7 @@ def test_frames_are_kept_in_memory():
     sim.run(days=0.5, every=6, keep=True)
     assert sim.frames.h.dims == ("time", "node") and sim.frames.b.dims == ("node",)
     assert sim.frames.time.values.tolist() == [0.0, 0.25 * DAY, 0.5 * DAY]
-    np.testing.assert_array_equal(sim.frames.h[0], sim.start["h"])
+    np.testing.assert_array_equal(sim.frames.h[0], sim.initial_fields["h"])
     np.testing.assert_array_equal(sim.frames.h[-1], sim.state.h)
 
 
@@ -572,7 +572,7 @@ def test_a_snapshot_can_be_read_after_a_reset():
 
 def test_the_initial_snapshot_can_be_read_after_a_run():
     sim = small()
-    start, depth = sim.snapshot, sim.start["h"]
+    start, depth = sim.snapshot, sim.initial_fields["h"]
     sim.run(days=0.25)
     np.testing.assert_array_equal(start.fields["h"], depth)
 

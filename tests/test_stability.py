@@ -8,7 +8,7 @@ from support import EXPLICIT, make_scene, random_state, thorough
 
 from swe_sphere.equations.effects import Drag, Viscosity
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.spectrum import Spectrum
+from swe_sphere.equations.spectrum import SpectralRadii
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS, stability
@@ -54,7 +54,7 @@ def test_wave_spectrum_against_dense_eigenvalues(ne: int, np_: int, kind: str) -
     state = model.device_mesh.upload(states(model)[kind])
     matrix = jacobian(model, state, lambda x, out: model.tendency(x, 0.0, out))
     exact = np.abs(np.linalg.eigvals(matrix)).max()
-    assert model.spectrum(state).wave == pytest.approx(exact, rel=0.02)
+    assert model.spectral_radii(state).wave == pytest.approx(exact, rel=0.02)
 
 
 @pytest.mark.thorough
@@ -63,7 +63,7 @@ def test_dissipation_spectrum_against_dense_eigenvalues(effect: str) -> None:
     model = Model(Mesh.build(2, 3), make_scene(*WAVES, effect))
     state = model.device_mesh.upload(states(model)["flow"])
     exact = np.abs(np.linalg.eigvals(jacobian(model, state, model.dissipative_tendency))).max()
-    assert model.spectrum(state).dissipation == pytest.approx(exact, rel=0.02)
+    assert model.spectral_radii(state).dissipation == pytest.approx(exact, rel=0.02)
 
 
 def test_advection_spectrum_against_dense_eigenvalues() -> None:
@@ -71,7 +71,7 @@ def test_advection_spectrum_against_dense_eigenvalues() -> None:
     state = model.initial_state()
     matrix = jacobian(model, state, lambda x, out: model.tendency(x, 0.0, out))
     exact = np.abs(np.linalg.eigvals(matrix)).max()
-    assert model.spectrum(state).wave == pytest.approx(exact, rel=0.02)
+    assert model.spectral_radii(state).wave == pytest.approx(exact, rel=0.02)
 
 
 def growth(name: str, model: Model, dt: float, steps: int) -> float:
@@ -96,7 +96,7 @@ def test_the_limit_is_a_limit(name: str, nu: float) -> None:
     """
     model = Model(Mesh.build(2, 4), make_scene(*WAVES).with_effect(Viscosity(nu)))
     rest = model.device_mesh.upload(states(model)["rest"])
-    spectrum = STEPPERS[name].spectrum(model, rest)
+    spectrum = STEPPERS[name].spectral_radii(model, rest)
     limit = STEPPERS[name].stable_dt(spectrum)
     multirate = name.startswith("mis")
     assert growth(name, model, 0.97 * limit, 600) < (4.0 if multirate else 3.0)
@@ -109,7 +109,7 @@ def test_one_stage_of_diffusion_is_borne_at_the_limit() -> None:
     kind, plain = STEPPERS["forward-backward"], make_scene(*WAVES)
     model = Model(Mesh.build(2, 4), plain.with_effect(Viscosity(1e6)))
     dt = 0.97 * kind.stable_dt(
-        kind.spectrum(model, model.device_mesh.upload(states(model)["rest"]))
+        kind.spectral_radii(model, model.device_mesh.upload(states(model)["rest"]))
     )
     nu = 1e6 * 1.239 / (dt * model.diffusion_radius)
     thick = Model(model.mesh, plain.with_effect(Viscosity(nu)))
@@ -121,9 +121,9 @@ def test_one_stage_of_diffusion_is_borne_at_the_limit() -> None:
 def test_drag_alone_limits_sharply(name: str) -> None:
     """Without waves the limit is that of the real axis."""
     model = Model(Mesh.build(2, 4), make_scene("drag").with_effect(Drag(1e-3)))
-    spectrum = STEPPERS[name].spectrum(model, model.device_mesh.upload(states(model)["rest"]))
+    spectrum = STEPPERS[name].spectral_radii(model, model.device_mesh.upload(states(model)["rest"]))
     assert spectrum.wave == 0.0
-    limit = STEPPERS[name].stable_dt(Spectrum(0.0, spectrum.dissipation))
+    limit = STEPPERS[name].stable_dt(SpectralRadii(0.0, spectrum.dissipation))
     assert growth(name, model, 0.97 * limit, 600) < 1.1
     assert growth(name, model, 1.1 * limit, 600) > 1e6
 
@@ -131,12 +131,12 @@ def test_drag_alone_limits_sharply(name: str) -> None:
 def test_limits_that_theory_knows() -> None:
     """On the imaginary axis: rk4 √8, ssprk3 √3, kg5 √15, per spectral radius; leapfrog below 1."""
     for name, reach in (("rk4", 8**0.5), ("ssprk3", 3**0.5), ("kg5", 15**0.5)):
-        assert STEPPERS[name].stable_dt(Spectrum(2.0)) == pytest.approx(reach / 2.0, rel=1e-2)
-    assert 0.8 < STEPPERS["leapfrog"].stable_dt(Spectrum(1.0)) < 1.0
+        assert STEPPERS[name].stable_dt(SpectralRadii(2.0)) == pytest.approx(reach / 2.0, rel=1e-2)
+    assert 0.8 < STEPPERS["leapfrog"].stable_dt(SpectralRadii(1.0)) < 1.0
 
 
 def test_nothing_moves_nothing_limits() -> None:
-    assert STEPPERS["rk4"].stable_dt(Spectrum(0.0, 0.0)) == np.inf
+    assert STEPPERS["rk4"].stable_dt(SpectralRadii(0.0, 0.0)) == np.inf
 
 
 def test_growth_of_the_filtered_scheme_is_that_of_its_map():
@@ -301,8 +301,8 @@ def test_a_method_without_a_stable_step_may_amplify_waves_by_e_in_15_days():
         a, b = ((1.0,),), (0.5, 0.5)
 
     for wave in (2e-4, 2e-3):
-        dt = Heun.stable_dt(Spectrum(wave))
+        dt = Heun.stable_dt(SpectralRadii(wave))
         growth = (1.0 + (wave * dt) ** 4 / 4.0) ** (0.5 * GROWTH_TIME / dt)
         assert growth == pytest.approx(np.e, rel=2e-3)
         assert dt > 4.0 * (8.0 * NO_GROWTH) ** 0.25 / wave
-        assert Heun.stable_dt(Spectrum(wave, 0.1 * wave)) > 0.999 * dt
+        assert Heun.stable_dt(SpectralRadii(wave, 0.1 * wave)) > 0.999 * dt

@@ -89,7 +89,7 @@ def test_frames_may_come_more_often_than_automatic_steps(hours, frames):
 )
 def test_automatic_steps_fit_every_later_end(stepper):
     sim = small(stepper=stepper)
-    longest = sim.kind.safety * sim.stable_dt()
+    longest = sim.stepper_class.safety * sim.stable_dt()
     assert sim.run(days=0.3).completed
     first, times = sim.plan.dt, []
     assert sim.run(days=1, callbacks=[every(hours=6)(lambda sim: times.append(sim.time / HOUR))])

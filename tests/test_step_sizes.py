@@ -14,7 +14,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.planet import HOUR
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import STEPPERS, Stepper
-from swe_sphere.steppers.stage_solver import SHARE, Motion
+from swe_sphere.steppers.stage_solver import SHARE, TimeDerivatives
 from swe_sphere.testcases import get_scene
 
 from .support import thorough
@@ -95,7 +95,7 @@ def test_frequencies_of_an_oscillation_are_its_own(steps: list[float]) -> None:
         wp.array([np.cos(omega * t), np.sin(omega * t)], dtype=wp.float64, device="cpu")
         for t in times
     ]
-    motion = Motion(space)
+    motion = TimeDerivatives(space)
     for old, new, dt in zip(states, states[1:], steps, strict=False):
         motion.accept(old, new, dt)
     assert motion.rate == pytest.approx(omega, rel=1e-3)

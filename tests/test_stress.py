@@ -130,14 +130,14 @@ def test_growth_of_errors(power: float, growth: float) -> None:
 
 def test_undershoots_of_tracers_count_as_overshoots_do() -> None:
     sim = Simulation("deformational", ne=2, np=4)
-    (name, *_), before = sim.scene.tracers, sim.start
+    (name, *_), before = sim.scene.tracers, sim.initial_fields
     for key, bound, sign in (("min", np.min, -1.0), ("max", np.max, 1.0)):
         beyond = {f"{key}_q_{name}": float(bound(before[f"q_{name}"])) + 0.25 * sign}
         changed = SimpleNamespace(
             mesh=sim.mesh,
             model=sim.model,
             scene=sim.scene,
-            start=before,
+            initial_fields=before,
             initial_numbers=sim.initial_numbers,
             snapshot=sim.snapshot,
             diagnostics=sim.diagnostics | beyond,

@@ -148,7 +148,7 @@ def test_reach_covers_all_nodes_of_a_strip(monkeypatch):
     monkeypatch.setattr(partition, "RINGED", 0)
     for ne in (1, 4, 7):
         mesh = Model(Mesh.build(ne, 4), get_scene("williamson5")).device_mesh
-        cuts, node_of = mesh.strips.groups, mesh.part.node_of
+        cuts, node_of = mesh.strips.groups, mesh.part.nodes
         done = np.empty(mesh.size, int)
         for begin, end, starts in mesh.strips.spans:
             done[begin:end] = np.searchsorted(starts, np.arange(begin, end), "right") - 1

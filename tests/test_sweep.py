@@ -241,7 +241,7 @@ def test_potential_vorticity_is_that_of_columns_at_the_mean_depth():
     """It does not see columns that are stretched, and is as large as vorticity is."""
     plan = make_plan({"scene": "williamson6", "steppers": "rk4", "ne": 2, "np": 4})
     space = Study(plan).spaces()[0]
-    start, coriolis = space.sim.start, space.sim.start["f"]
+    start, coriolis = space.sim.initial_fields, space.sim.initial_fields["f"]
     mean = np.average(start["h"], weights=space.mesh.area)
     level = {"h": np.full_like(start["h"], mean), "vorticity": start["vorticity"]}
     stretched = {

@@ -106,7 +106,7 @@ def test_a_search_for_an_error_that_no_run_has_is_refused():
     assert np.isfinite(found.error.sel(kind="slow", field="vorticity", norm="l2")).any()
 
 
-@pytest.mark.parametrize("method", ["growth", "stable_dt", "spectrum"])
+@pytest.mark.parametrize("method", ["amplification", "stable_dt", "spectral_radii"])
 def test_a_limit_that_fails_in_a_sweep_names_the_line(method, tmp_path):
     file = tmp_path / "custom.py"
     fault = METHODS[method].format(fault="raise LookupError('lost')")

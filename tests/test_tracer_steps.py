@@ -14,7 +14,7 @@ from swe_sphere.errors import ConfigError, Unstable
 from swe_sphere.io.checkpoint import read_checkpoint, write_checkpoint
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.diagnose import divergence
-from swe_sphere.operators.tracers import Crossings, MassSteps, symbol
+from swe_sphere.operators.tracers import CourantRate, MassSteps, symbol
 from swe_sphere.simulation.planning import time_plan
 from swe_sphere.steppers import STEPPERS, Stepper
 from swe_sphere.steppers.tracer_steps import (
@@ -143,10 +143,10 @@ def test_symbol_of_the_derivative(np_, known):
 @pytest.mark.parametrize("shape", ["element", "node"])
 def test_speeds_across_elements_bound_the_spectrum(mesh, shape):
     model = Model(mesh, get_scene("deformational"), shape=shape)
-    crossings = Crossings(model.device_mesh)
+    courant = CourantRate(model.device_mesh)
     ones = model.device_mesh.upload(np.ones(mesh.size))
-    bound = crossings.bound(model.parameters["wind"], ones)
-    radius = model.spectrum(model.initial_state()).wave
+    bound = courant.bound(model.parameters["wind"], ones)
+    radius = model.spectral_radii(model.initial_state()).wave
     assert radius < bound < 1.5 * radius
     assert tracer_limit(model) == pytest.approx(2.0 * LONGEST / (1.1 * radius), rel=0.05)
 

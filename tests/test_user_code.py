@@ -34,8 +34,10 @@ METHODS = {
     "swap": "    def swap(self):\n        {fault}\n",
     "state_dict": "    def state_dict(self):\n        {fault}\n",
     "amplification": "    @classmethod\n    def amplification(cls, *z):\n        {fault}\n",
-    "stable_dt": "    @classmethod\n    def stable_dt(cls, spectrum):\n        {fault}\n",
-    "spectrum": "    @classmethod\n    def spectrum(cls, model, state, t=0.0):\n        {fault}\n",
+    "stable_dt": "    @classmethod\n    def stable_dt(cls, radii):\n        {fault}\n",
+    "spectral_radii": (
+        "    @classmethod\n    def spectral_radii(cls, model, state, t=0.0):\n        {fault}\n"
+    ),
     "complete": "    @classmethod\n    def complete(cls):\n        {fault}\n",
 }
 FAULTS = ["sys.exit(0)", "raise GeneratorExit", "raise SystemExit", "raise LookupError('lost')"]

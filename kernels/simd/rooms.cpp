@@ -1,7 +1,7 @@
 // Body of rooms in arithmetic.py; `wide` is a register of double, which widen(run) returns.
 wide sums[3] = {};
-const auto add = [&](auto mass, auto air, auto space, auto to) {
-    const auto least = low * air, most = high * air;
+const auto add = [&](auto mass, auto h, auto space, auto to) {
+    const auto least = low * h, most = high * h;
     auto clipped = mass > least ? mass : least;
     clipped = clipped < most ? clipped : most;
     const auto over = mass - clipped, above = most - clipped, below = clipped - least;

@@ -20,7 +20,7 @@ from swe_sphere.equations.right_hand_side import (
     pointwise_terms,
 )  # fmt: skip
 from swe_sphere.equations.scene import Scene
-from swe_sphere.equations.spectrum import Spectrum, spectral_radius
+from swe_sphere.equations.spectrum import SpectralRadii, spectral_radius
 from swe_sphere.equations.tracer_equations import MassFlux, TracerEquations, mixing_ratios
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
@@ -270,11 +270,11 @@ class Model(DiscreteScene):
         base = self.zeros() if depends or self.tracers is not None else None
         return ExactJacobian(self.right_hand_side("tangent", base=base), base)
 
-    def spectrum(self, state: wp.array, t: float = 0.0) -> Spectrum:
+    def spectral_radii(self, state: wp.array, t: float = 0.0) -> SpectralRadii:
         """Return the extent [s-1] of the spectrum of the Jacobian, which limits explicit steps."""
         waves = self.right_hand_side("conservative", fluid_only=True, counted=False)
         wave = spectral_radius(self, state, lambda x, out: waves(x, t, out))
-        return Spectrum(wave, self.dissipation_radius(state))
+        return SpectralRadii(wave, self.dissipation_radius(state))
 
     def dissipation_radius(self, state: wp.array) -> float:
         """Return the largest damping rate of all dissipation at a state [s-1]."""

@@ -25,14 +25,16 @@ INVARIANT = 1e-6
 
 
 @dataclass(frozen=True)
-class Spectrum:
-    """Largest modulus of eigenvalues [s-1]: of waves (imaginary) and of dissipation (negative)."""
+class SpectralRadii:
+    """Largest modulus of eigenvalues [s-1]: of waves (imaginary) and of dissipation (negative).
+
+    wind: part of `wave` due to slow terms.  inertial: the largest Coriolis parameter.
+    """
 
     wave: float
     dissipation: float = 0.0
     wind: float = 0.0
     inertial: float = 0.0
-    """Part of `wave` due to slow terms (the wind), and the largest Coriolis parameter [s-1]."""
 
 
 def spectral_radius(model: DiscreteScene, state: wp.array, operator: Operator) -> float:

@@ -42,8 +42,8 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
     (N,) or a number. tracers: their names. samples: largest number of times with diagnostics.
     append_from: time [s] from which the run in the file is resumed, under its run_id: its frames
     and samples before that time are copied first, and it stays in place until the new file has as
-    many frames. own: attributes (long_name, units) of user-defined diagnostics. own_fields: present
-    values, (N,) or profiles as data arrays, of those in every frame; the others are series. only:
+    many frames. about: attributes (long_name, units) of user-defined diagnostics. user_fields:
+    values, (N,) or profiles as data arrays, of those in frames; the others are series. only:
     names of the fields in frames; all if empty. transform: the file contains what it returns for
     the dataset of each frame, the wind always as both components, and no series.
 
@@ -56,13 +56,13 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
     def __init__(
         self, path: str | os.PathLike[str], mesh: Mesh, attributes: Mapping[str, object],
         bottom: ArrayLike = 0.0, tracers: Iterable[str] = (), samples: int = ROOM_FOR_SAMPLES,
-        append_from: float | None = None, own: Mapping[str, Mapping[str, str]] | None = None,
-        own_fields: Mapping[str, Any] | None = None, coriolis: ArrayLike = 0.0,
+        append_from: float | None = None, about: Mapping[str, Mapping[str, str]] | None = None,
+        user_fields: Mapping[str, Any] | None = None, coriolis: ArrayLike = 0.0,
         only: Iterable[str] = (), transform: Callable[[xr.Dataset], xr.Dataset] | None = None,
     ) -> None:  # fmt: skip
         self.path, self._mesh, self._samples = Path(path), mesh, samples
         self._transform = transform
-        self._bottom, self._coriolis, self._own = bottom, coriolis, own or {}
+        self._bottom, self._coriolis, self._about = bottom, coriolis, about or {}
         self._earlier = None if append_from is None else RunFile(self.path)
         self._from = append_from or 0.0
         kept: dict[str, Any] = {}
@@ -75,8 +75,8 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
                 )
             before, size = self._earlier.attributes, self.path.stat().st_size
             kept = {name: before[name] for name in KEPT if name in before}
-        basic = layout.frame_fields(tracers) | {name: self._own[name] for name in own_fields or {}}
-        self._profiles = {n: x for n, x in (own_fields or {}).items() if hasattr(x, "dims")}
+        basic = layout.frame_fields(tracers) | {x: self._about[x] for x in user_fields or {}}
+        self._profiles = {n: x for n, x in (user_fields or {}).items() if hasattr(x, "dims")}
         wanted = {*only} or {*basic}
         if transform is not None and wanted & {"u", "v"}:
             wanted |= {"u", "v"}  # interpolated as a vector
@@ -86,13 +86,13 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         } | basic
         for name in sorted(wanted.difference(every)):
             raise unknown_name("field", name, [*every])
-        self._fields = {name: about for name, about in every.items() if name in wanted}
+        self._fields = {name: each for name, each in every.items() if name in wanted}
         begun = "" if kept or "origin" not in attributes else f" from {attributes['origin']}"
         lines = str(kept.get("history", attributes.get("history", "")))
         line = layout.history(f"run {attributes.get('scene', '')}{begun}", lines)
-        about = {"run_id": uuid.uuid4().hex, **attributes, **kept, "history": line}
-        self._attributes = layout.plain(about)
-        self.run_id = str(about["run_id"])
+        of_run = {"run_id": uuid.uuid4().hex, **attributes, **kept, "history": line}
+        self._attributes = layout.plain(of_run)
+        self.run_id = str(of_run["run_id"])
         """Identifier of the run; a resumed run keeps the identifier of the earlier run."""
         self._series: tuple[str, ...] = ()
         size += (layout.LAYOUT_BYTES + 8 * len(self._fields)) * mesh.size
@@ -174,7 +174,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         times, earlier = (np.zeros(0), {}) if self._earlier is None else self._earlier.series()
         self._series = tuple(dict.fromkeys((*diagnostics, *earlier)))
         about = {} if self._earlier is None else self._earlier.about_series
-        series = {name: self._own.get(name) or about.get(name, {}) for name in self._series}
+        series = {name: self._about.get(name) or about.get(name, {}) for name in self._series}
         times = times[times < self._from]
         if frame is not None:
             space = {layout.SUMMARY: " " * layout.SUMMARY_BYTES}

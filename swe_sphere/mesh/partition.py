@@ -79,15 +79,15 @@ class MeshPart:
     ranks. Each of these ranks sums all contributors in the mesh's order, and so gets the same bits.
     """
 
-    elements: Integers
+    element_numbers: Integers
     """(e,) numbers in the mesh, along the curve: chunks away from the rim, then chunks on it."""
-    away: int
+    interior_elements: int
     """Number of elements in chunks away from the rim, which share no node with another rank."""
-    nodes: Integers
+    node_numbers: Integers
     """(n,) numbers in the mesh: interior nodes, then edges, then vertices, each in the order of the
     elements, nodes of other ranks last; on large meshes in blocks of BLOCK elements."""
-    node_of: NDArray[np.int32]
-    """(e, np, np) position in `nodes` of each element node."""
+    nodes: NDArray[np.int32]
+    """(e, np, np) position in `node_numbers` of each element node."""
     counts: NDArray[np.integer]
     """(n,) number of contributors of each node."""
     contributors: NDArray[np.integer]

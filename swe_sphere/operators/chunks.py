@@ -25,7 +25,7 @@ class Chunks:
     """
 
     def __init__(self, part: MeshPart, launch: Launcher) -> None:
-        size, comm, device = part.nodes.size, launch.comm, launch.device
+        size, comm, device = part.node_numbers.size, launch.comm, launch.device
         spans = part.spans if comm.shared else equal_spans(size, math.isqrt(size) + 1)
         self._comm, self.count = comm, spans.shape[1]
         self._launch = launch if device == "cpu" else Launcher("cpu", comm)

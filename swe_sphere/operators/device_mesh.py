@@ -63,7 +63,8 @@ class DeviceMesh(NotCopyable):
         self.mesh, self.part, self.comm = mesh, part, comm
         self.launch = launch or Launcher(device, comm, mesh.np**2)
         self.device, self.real, self.shape = device, real, shape
-        self.elements, self.size, self.points = part.elements.size, part.nodes.size, mesh.np**2
+        self.elements, self.size = part.element_numbers.size, part.node_numbers.size
+        self.points = mesh.np**2
         """Number of elements and of nodes of this rank, and of the nodes of an element."""
         self.lanes = lanes_of(real) if shape == "element" else 1
         self.groups = -(-self.elements // self.lanes)
@@ -99,7 +100,7 @@ class DeviceMesh(NotCopyable):
     @functools.cached_property
     def nodes(self) -> wp.array:
         """Unique node numbers of the element nodes; for runs see `kernels/simd/memory.py`."""
-        numbers = self.in_lanes(self.part.node_of.reshape(self.elements, self.points, 1))
+        numbers = self.in_lanes(self.part.nodes.reshape(self.elements, self.points, 1))
         if self.lanes > 1:
             numbers[..., 0][(np.diff(numbers) == 1).all(axis=-1)] ^= -1
         return self.registers(numbers[:, :, 0], wp.int32)
@@ -107,12 +108,12 @@ class DeviceMesh(NotCopyable):
     @functools.cached_property
     def basis(self) -> wp.array:
         """The four entries of dx/dxi_i . e_k [m] at the element nodes."""
-        return self.on_elements(self.mesh.basis[self.part.elements], (4,))
+        return self.on_elements(self.mesh.basis[self.part.element_numbers], (4,))
 
     @functools.cached_property
     def inverse_jacobian(self) -> wp.array:
         """One over the area element [m-2]."""
-        return self.on_elements(1.0 / self.mesh.jacobian[self.part.elements])
+        return self.on_elements(1.0 / self.mesh.jacobian[self.part.element_numbers])
 
     @functools.cached_property
     def derivative(self) -> wp.array:
@@ -133,7 +134,7 @@ class DeviceMesh(NotCopyable):
     def block_groups(self) -> int:
         """Number of groups whose nodes inside elements are numbered in blocks of BLOCK elements."""
         blocks, side = self.elements // BLOCK, self.mesh.np - 2
-        inside = self.part.node_of[: blocks * BLOCK, 1:-1, 1:-1].reshape(blocks, BLOCK, side, side)
+        inside = self.part.nodes[: blocks * BLOCK, 1:-1, 1:-1].reshape(blocks, BLOCK, side, side)
         expected = np.arange(inside.size).reshape(blocks, side, side, BLOCK)
         fits = (np.moveaxis(inside, 1, -1) == expected).all(axis=(1, 2, 3))
         return int(np.logical_and.accumulate(fits).sum()) * BLOCK // self.lanes
@@ -206,7 +207,7 @@ class DeviceMesh(NotCopyable):
         has the same bits in every element.
         """
         own = self._positions(np.arange(self.elements * self.points), self.lanes)
-        around = self.places(1).numpy()[self.part.node_of.ravel()]
+        around = self.places(1).numpy()[self.part.nodes.ravel()]
         mine = np.argmax(around == own[:, None], axis=1)[:, None]
         others = np.take_along_axis(around, mine ^ np.array([1, 2, 3]), axis=1)
         empty = self.groups * self.points * self.lanes
@@ -261,7 +262,7 @@ class DeviceMesh(NotCopyable):
         if self.halos:
             self.halos[field.flat.ptr]()
 
-    def sweep(self, field: Field, kernel: Any, threads: Any, *inputs: Any) -> None:
+    def over_elements(self, field: Field, kernel: Any, threads: Any, *inputs: Any) -> None:
         """Launch a kernel, whose first argument is its first group of elements, over all elements.
 
         The kernel stores its results in `field`. Several ranks launch the groups on the rim first,
@@ -270,7 +271,7 @@ class DeviceMesh(NotCopyable):
         if not self.halos:
             self.launch(kernel, threads, 0, *inputs, cuts=self.cuts)
             return
-        halo, away = self.halos[field.flat.ptr], self.part.away // self.lanes
+        halo, away = self.halos[field.flat.ptr], self.part.interior_elements // self.lanes
         away = away if away >= LEAST_AWAY else 0
         each = threads[1:] if isinstance(threads, tuple) else ()
         self.launch(kernel, (self.groups - away, *each), away, *inputs)
@@ -405,7 +406,7 @@ class DeviceMesh(NotCopyable):
         if self.part.is_mesh:
             return values
         fields = values.reshape(-1, self.mesh.size)
-        here = np.take(fields, self.part.nodes, axis=1, mode="clip")  # faster than an index
+        here = np.take(fields, self.part.node_numbers, axis=1, mode="clip")  # faster than an index
         return here.reshape(*values.shape[:-1], -1)
 
     def collect(self, vector: wp.array | NDArray[Any]) -> NDArray[Any]:
@@ -428,5 +429,5 @@ class DeviceMesh(NotCopyable):
     @functools.cached_property
     def _owners(self) -> tuple[list[int], NDArray[Any]]:
         """Number of nodes by owning rank, and position (N,) of each node in the joined nodes."""
-        numbers = self.comm.allgather(self.part.nodes[self.part.owned])
+        numbers = self.comm.allgather(self.part.node_numbers[self.part.owned])
         return [each.size for each in numbers], inverse_permutation(np.concatenate(numbers))

@@ -38,7 +38,8 @@ class EdgePenaltyOperator:
         self._jumps, self._weak = mesh.local(2, types.value), mesh.local(2, types.value)
         self._means = wp.zeros(2 * mesh.size, dtype=mesh.real, device=mesh.device)
         given = {
-            "strength": mesh.on_elements(gamma[mesh.part.elements]), "jumps": self._jumps.values,
+            "strength": mesh.on_elements(gamma[mesh.part.element_numbers]),
+            "jumps": self._jumps.values,
             "point": types.point and types.point.structure.find(types)(), "stage": mesh.stage,
         }  # fmt: skip
         self._geometry = mesh.geometry(types.geometry, given)
@@ -57,11 +58,13 @@ class EdgePenaltyOperator:
         """
         mesh, means = self._mesh, self._means
         threads, jumps, weak = mesh.threads(1), self._jumps, self._weak
-        shape = mesh.lanes, mesh.size, 2, 0
+        layout = mesh.lanes, mesh.size, 2, 0
         stage = mesh.stage_at(start, factor)
         geometry = self._geometry_of(stage)
-        mesh.sweep(jumps, self._derivatives, threads, self._geometry, x, x, 0, 1, jumps.values, x)
+        inputs = self._geometry, x, x, 0, 1, jumps.values, x
+        mesh.over_elements(jumps, self._derivatives, threads, *inputs)
         places = mesh.places(2)
-        self._sum_means(places, self._mean_scale, *shape, jumps.flat, mesh.stage, means)
-        mesh.sweep(weak, self._weak_form, threads, geometry, means, means, 0, 1, weak.values, out)
-        self._sum(places, mesh.inverse_area, *shape, weak.flat, stage, out)
+        self._sum_means(places, self._mean_scale, *layout, jumps.flat, mesh.stage, means)
+        inputs = geometry, means, means, 0, 1, weak.values, out
+        mesh.over_elements(weak, self._weak_form, threads, *inputs)
+        self._sum(places, mesh.inverse_area, *layout, weak.flat, stage, out)

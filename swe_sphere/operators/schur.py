@@ -62,11 +62,11 @@ class Damping:
         inverse = np.linalg.inv(np.einsum("eijak,eijbk->eijab", basis, basis)).mean(axis=(1, 2))
         along_1, along_2 = inverse[:, 0, 0, None, None], inverse[:, 1, 1, None, None]
         rates = rate(along_1 * squares[:, None] + along_2 * squares)  # of products of the modes
-        self._rates: Array = rates[mesh.part.elements]
+        self._rates: Array = rates[mesh.part.element_numbers]
         """R (e, np, np) [s-1] of the products of the modes of an element."""
         strongest = float(rates.max())
         self._longest = MOST_DAMPING / strongest if strongest > 0.0 else math.inf
-        jacobian = mesh.mesh.jacobian[mesh.part.elements]
+        jacobian = mesh.mesh.jacobian[mesh.part.element_numbers]
         self._mass = mesh.on_elements(mesh.mesh.quadrature * jacobian)
         self._ones, self._once, self._twice = (
             mesh.on_elements(np.ones_like(jacobian)) for _ in range(3)
@@ -139,7 +139,7 @@ class SchurOperator:
         """S without the damping F, on the host."""
         types = mesh.types(terms=Terms(waves=True), given=given, whole=False)
         self._value, self._together = types.value, specialise(helmholtz.together, types)
-        self._nodes = mesh.mesh.nodes[mesh.part.elements]
+        self._nodes = mesh.mesh.nodes[mesh.part.element_numbers]
         """(e, np, np) number in the whole mesh of each element node."""
         self.dim = mesh.groups, mesh.points // types.share
         """Threads of a launch over the elements."""
@@ -201,7 +201,7 @@ class SchurOperator:
             self.damping.configure(tau)
         self.tau, same, cross = tau, 1.0 / (1.0 + angle**2), angle / (1.0 + angle**2)
         turn = np.stack([same, cross, -cross, same], axis=-1).reshape(-1, 2, 2)
-        b = mesh.mesh.basis[mesh.part.elements]
+        b = mesh.mesh.basis[mesh.part.element_numbers]
         adjugate = np.stack([b[..., 1, 1], -b[..., 1, 0], -b[..., 0, 1], b[..., 0, 0]], axis=-1)
         fluxes = adjugate.reshape(b.shape) @ (depth[:, None, None] * turn)[nodes]
         for target, values in (
@@ -273,8 +273,8 @@ class SchurOperator:
         if self.damping is not None:
             self.damping.damp_twice(x, self._f1)
             x = self._f1
-        both = self._east.values, self._north.values
-        self.mesh.sweep(self._slopes, self._gradient, self.dim, self._geometry, x.values, *both)
+        inputs = self._geometry, x.values, self._east.values, self._north.values
+        self.mesh.over_elements(self._slopes, self._gradient, self.dim, *inputs)
 
     def _diverge(self, of_fluxes: Any, *arguments: Any) -> None:
         results = self._f1.values, self._f2.values, self._local.values
@@ -282,7 +282,7 @@ class SchurOperator:
         if not self._together:
             self._over_elements(of_fluxes, *arguments)
             arguments, last = results, self._divergence
-        self.mesh.sweep(self._local, last, self.dim, self._geometry, *arguments)
+        self.mesh.over_elements(self._local, last, self.dim, self._geometry, *arguments)
 
     def _over_elements(self, kernel: Any, *arguments: Any) -> None:
         self.mesh.launch(kernel, self.dim, 0, self._geometry, *arguments, cuts=self.mesh.cuts)

@@ -33,22 +33,22 @@ class Strips:
 
     def __init__(self, part: MeshPart, lanes: int) -> None:
         """Cut a part into strips; a group has `lanes` elements."""
-        elements, points = part.elements.size, part.node_of[0].size
+        elements, points = part.element_numbers.size, part.nodes[0].size
         width = -(-NODES // (points * BLOCK)) * BLOCK
         strip = (np.arange(elements) // width)[:, None, None]
         numbers = np.arange(int(strip.max()) + 2)
-        first = np.full(part.nodes.size, numbers[-1])
-        np.minimum.at(first, part.node_of, strip)
+        first = np.full(part.node_numbers.size, numbers[-1])
+        np.minimum.at(first, part.nodes, strip)
         ends = np.searchsorted(part.counts, [1, 2], side="right").tolist()
         self.spans: list[Span] = []
         """Nodes inside elements, on edges and at vertices."""
         done = np.empty_like(first)
-        for begin, end in pairwise([0, *ends, part.nodes.size]):
+        for begin, end in pairwise([0, *ends, part.node_numbers.size]):
             starts = np.searchsorted(first[begin:end], numbers)
             starts = np.minimum(begin + -(-starts // BLOCK) * BLOCK, end)
             self.spans.append(Span(begin, end, starts))
             done[begin:end] = np.searchsorted(starts, np.arange(begin, end), side="right") - 1
-        reach = int((strip - done[part.node_of]).max())
+        reach = int((strip - done[part.nodes]).max())
         self.groups = Cuts(-(-np.minimum(numbers * width, elements) // lanes), 0, 1, reach)
 
 

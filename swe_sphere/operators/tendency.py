@@ -50,7 +50,7 @@ class TendencyOperator:
         mesh, local = self.mesh, self.local
         for flux in self._fluxes:
             mesh.launch(flux, mesh.threads(), self.geometry, x)
-        mesh.sweep(local, self._kernel, mesh.threads(), self.geometry, x, local.values, out)
+        mesh.over_elements(local, self._kernel, mesh.threads(), self.geometry, x, local.values, out)
         wind = x if self._turned is None else self._turned
         self._assemble(
             self._places, mesh.inverse_area, mesh.lanes, mesh.size, local.flat, self._own, wind,

@@ -12,7 +12,7 @@ from swe_sphere.kernels.assembly import assemble_blocks
 from swe_sphere.kernels.dynamics import transport
 from swe_sphere.kernels.limiter import fill_rooms, limit_elements, limit_sphere, sum_rooms
 from swe_sphere.kernels.local import field_kernel
-from swe_sphere.kernels.tracers import correct, crossings, follow, mixing_ratio
+from swe_sphere.kernels.tracers import correct, courant_rates, follow, mixing_ratio
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.replay import Replay
 from swe_sphere.ranks.limits import check_stop
@@ -41,7 +41,7 @@ class TracerTransport:
         mesh, local, count = self.mesh, self._local, self.count
         kernel, stage = kernel or self._kernel, mesh.stage if stage is None else stage
         arguments = self._geometry, wind, x, first, count, local.values, x
-        mesh.sweep(local, kernel, mesh.threads(count), *arguments)
+        mesh.over_elements(local, kernel, mesh.threads(count), *arguments)
         numbers = mesh.lanes, mesh.size, count, to
         self._assemble(self._places, mesh.inverse_area, *numbers, local.flat, stage, out)
 
@@ -80,10 +80,11 @@ class MixingRatio:
         self._launch(self._follow, self._dim, r, x, self.values, *self._offsets)
 
     def correct(
-        self, flux: wp.array, air: wp.array, factor: float, r: wp.array, x: wp.array
+        self, rates: wp.array, depth_rate: wp.array, factor: float, r: wp.array, x: wp.array
     ) -> None:
-        """Set x_hq = r_hq + factor flux + q (x_h - r_h - factor air)."""
-        self._launch(self._correct, self._dim, self.values, flux, air, factor, *self._offsets, r, x)
+        """Set x_hq = r_hq + factor rates + q (x_h - r_h - factor depth_rate)."""
+        inputs = self.values, rates, depth_rate, factor
+        self._launch(self._correct, self._dim, *inputs, *self._offsets, r, x)
 
 
 class Limiter:
@@ -127,7 +128,7 @@ class Limiter:
 
     def _limit(self, state: wp.array) -> None:
         mesh, chunks, (_, first) = self._mesh, self._mesh.chunks, self._offsets
-        mesh.sweep(
+        mesh.over_elements(
             self._local, self._inside, mesh.groups, self._geometry, state, *self._offsets,
             self._count, *self._bounds, self._local.values,
         )  # fmt: skip
@@ -149,19 +150,19 @@ class Limiter:
         self._fill(*self._offsets, mesh.size, self._count, *self._bounds, self._part, state)
 
 
-class Crossings:
+class CourantRate:
     """Measures how fast a mass flux crosses elements."""
 
     def __init__(self, mesh: DeviceMesh) -> None:
         self._mesh, types = mesh, mesh.types()
         self._symbol = symbol(mesh.mesh.derivative, mesh.mesh.gll_weights)
-        (self._kernel,) = mesh.launch.compile(types, crossings)
+        (self._kernel,) = mesh.launch.compile(types, courant_rates)
         self._geometry = mesh.geometry(types.geometry)
         self._most = wp.zeros(mesh.groups, dtype=types.value, device=mesh.device)
 
-    def bound(self, flux: wp.array, air: wp.array) -> float:
-        """Return the spectral radius [s-1] of q -> div(q flux) / air, or up to a third more."""
-        self._mesh.launch(self._kernel, self._mesh.groups, self._geometry, flux, air, self._most)
+    def bound(self, flux: wp.array, depth: wp.array) -> float:
+        """Return the spectral radius [s-1] of q -> div(q flux) / depth, or up to a third more."""
+        self._mesh.launch(self._kernel, self._mesh.groups, self._geometry, flux, depth, self._most)
         return self._symbol * float(self._mesh.comm.gather_number(self._most.numpy().max()).max())
 
 

@@ -48,7 +48,7 @@ class Snapshot:
     ) -> None:  # fmt: skip
         self.model, self.state, self.time, self.steps, self.sim = model, state, time, steps, sim
         self._is_live = live
-        self._own: dict[Diagnostic, Array] = {}
+        self._user_values: dict[Diagnostic, Array] = {}
         self._is_evaluating = False
         self._seen: Array | None = None  # the state of which the fields are
 
@@ -99,10 +99,10 @@ class Snapshot:
 
         Raises RunFailed if a user-defined diagnostic fails.
         """
-        return self._numbers | {k: float(x) for k, x in self.own.items() if x.ndim == 0}
+        return self._numbers | {k: float(x) for k, x in self.user_values.items() if x.ndim == 0}
 
     @property
-    def own(self) -> Fields:
+    def user_values(self) -> Fields:
         """Values of user-defined diagnostics by name (`Diagnostic.value`); RunFailed if one fails.
 
         It is empty while a diagnostic is evaluated, so that one may read the whole state.
@@ -112,22 +112,22 @@ class Snapshot:
         self._is_evaluating = True
         try:
             for one in DIAGNOSTICS.values():
-                if one not in self._own:
-                    self._own[one] = one.value(self.sim)
+                if one not in self._user_values:
+                    self._user_values[one] = one.value(self.sim)
         finally:
             self._is_evaluating = False
-        return {name: self._own[one] for name, one in DIAGNOSTICS.items()}
+        return {name: self._user_values[one] for name, one in DIAGNOSTICS.items()}
 
     @property
-    def own_fields(self) -> Fields:
+    def user_fields(self) -> Fields:
         """Fields (N,) and profiles of user-defined diagnostics; raises RunFailed if one fails."""
-        return {name: value for name, value in self.own.items() if value.ndim}
+        return {name: value for name, value in self.user_values.items() if value.ndim}
 
     @property
-    def own_attributes(self) -> dict[str, dict[str, str]]:
+    def about(self) -> dict[str, dict[str, str]]:
         """Attributes in files of the variables of user-defined diagnostics, by name."""
-        own = {name: DIAGNOSTICS[name] for name in self.own}
-        return {k: {"long_name": one.long_name, "units": one.units} for k, one in own.items()}
+        given = {name: DIAGNOSTICS[name] for name in self.user_values}
+        return {k: {"long_name": one.long_name, "units": one.units} for k, one in given.items()}
 
 
 def _read_only(fields: Fields) -> Fields:
@@ -221,7 +221,7 @@ class Diagnostic:
                 f" {size} values, one a node, or a profile, an xarray.DataArray with one dimension"
             )
         axis = [(n, *x.values.tolist()) for n, x in value.coords.items()] if is_profile else []
-        if sim.own_axes.setdefault(self, (value.ndim, axis)) != (value.ndim, axis):
+        if sim.user_axes.setdefault(self, (value.ndim, axis)) != (value.ndim, axis):
             raise RunFailed(
                 f"{what} has changed its kind, size or coordinate since its first value: return the"
                 " same kind"

@@ -210,7 +210,7 @@ class Recorder(Observer):
         self.sees_end = output is None
         self._framed: int | None = None  # steps before the last frame
         self._sampled: int | None = None  # steps before the last sample
-        _ = sim.snapshot.own  # on all ranks, before rank 0 needs it
+        _ = sim.snapshot.user_values  # on all ranks, before rank 0 needs it
         sim.run_id = sim.comm.on_root(self._open)
 
     def _open(self) -> str:
@@ -236,8 +236,8 @@ class Recorder(Observer):
         self._writer = FrameWriter(
             path, sim.mesh, attributes, bottom=sim.model.bottom, coriolis=sim.model.coriolis,
             tracers=sim.scene.tracers or (), samples=min(ahead, due + 3) + 1, only=only,
-            append_from=sim.time if continues else None, own=sim.snapshot.own_attributes,
-            own_fields=sim.snapshot.own_fields, transform=transform,
+            append_from=sim.time if continues else None, about=sim.snapshot.about,
+            user_fields=sim.snapshot.user_fields, transform=transform,
         )  # fmt: skip
         if continues and self._writer.run_id != sim.run_id:
             self._writer.close()
@@ -269,7 +269,7 @@ class Recorder(Observer):
         """Write a frame and a checkpoint, unless this step has a frame already."""
         if self._framed == snapshot.steps:
             return
-        fields = snapshot.all_fields | snapshot.own_fields
+        fields = snapshot.all_fields | snapshot.user_fields
         self._framed = steps = snapshot.steps
         if self._output is not None:
             self.sim.comm.on_root(lambda: self._writer.write(snapshot.time, fields))

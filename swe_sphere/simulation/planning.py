@@ -19,7 +19,7 @@ from swe_sphere.settings.values import convert
 
 if TYPE_CHECKING:  # imports Warp
     from swe_sphere.equations.model import Model
-    from swe_sphere.equations.spectrum import Spectrum
+    from swe_sphere.equations.spectrum import SpectralRadii
     from swe_sphere.steppers import Stepper
 
 MOST_STEPS = 10**9
@@ -40,8 +40,8 @@ HOUR_ROUNDING = 5e-5
 """Largest difference [h] between a time between frames and the fraction that it stands for."""
 
 
-def stability_limit(kind: type[Stepper], spectra: Sequence[Spectrum]) -> float:
-    """Return the largest stable step [s] for `run_spectra`, infinite without one.
+def stability_limit(kind: type[Stepper], spectra: Sequence[SpectralRadii]) -> float:
+    """Return the largest stable step [s] for `run_radii`, infinite without one.
 
     The strongest wind may use up the margin `safety`. ConfigError if a limit is not a number.
     """
@@ -51,10 +51,10 @@ def stability_limit(kind: type[Stepper], spectra: Sequence[Spectrum]) -> float:
     return min([first, *(each / kind.safety for each in later)])
 
 
-def run_spectra(kind: type[Stepper], model: Model, times: Iterable[float]) -> list[Spectrum]:
+def run_radii(kind: type[Stepper], model: Model, times: Iterable[float]) -> list[SpectralRadii]:
     """Return a stepper's spectra at the initial state with the prescribed winds of these times."""
-    label, state = f"spectrum of stepper {kind.name}", model.initial_state()
-    return [call_custom(label, kind.spectrum, model, state, t) for t in times]
+    label, state = f"spectral radii of stepper {kind.name}", model.initial_state()
+    return [call_custom(label, kind.spectral_radii, model, state, t) for t in times]
 
 
 def limiting_times(model: Model, days: float) -> list[float]:
@@ -318,7 +318,7 @@ def automatic_step(sim: Any, days: float) -> tuple[float, str]:
     step that is at most the longest one of the stepper. days: length of the run, which no step
     exceeds. Raises ConfigError if the stability limit is not a positive number.
     """
-    kind, limit = sim.kind, sim.stable_dt()
+    kind, limit = sim.stepper_class, sim.stable_dt()
     state = sim.model.initial_state()
     winds = [sim.model.fields(state, t) for t in sim.limiting_times()]
     if not limit > 0.0:
@@ -381,7 +381,7 @@ def tracer_cycle(sim: Any, dt: float) -> int:
     asked = sim.config.tracer_steps
     if asked == 1:
         return 1
-    reason = why_not(sim.model, sim.kind, sim.config.adaptive)
+    reason = why_not(sim.model, sim.stepper_class, sim.config.adaptive)
     if reason and asked != "auto":
         raise ConfigError(f"tracer-steps={asked}: {reason}; leave tracer-steps out")
     limit = 0.0 if reason else tracer_limit(sim.model)

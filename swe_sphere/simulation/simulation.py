@@ -162,7 +162,7 @@ class Simulation(NotCopyable):
         self.config = self._configured = config
         """The configuration, with the arguments of the present run."""
         added = objects.pop("effects", ())
-        self.kind = get_stepper(objects.pop("stepper", config.stepper))
+        self.stepper_class = get_stepper(objects.pop("stepper", config.stepper))
         """The class of the stepper."""
         self.scene = build.make_scene(config, scene if isinstance(scene, Scene) else None, added)
         self.initial: build.Initial | None = None
@@ -184,7 +184,7 @@ class Simulation(NotCopyable):
             self._check_reference()
         for path in config.diagnostics:
             load_diagnostics(path)
-        self.options = build.stepper_options(self.kind, config)
+        self.options = build.stepper_options(self.stepper_class, config)
         """Options of the stepper by name."""
         build.start_warp()
         from swe_sphere.equations.model import Model
@@ -199,7 +199,7 @@ class Simulation(NotCopyable):
         self._limits: dict[float, float] = {}  # by the last of these times [s]
         self.warn: Warn = lambda text: None
         """Called with each warning of a run."""
-        self.own_axes: dict[Diagnostic, tuple[int, list[tuple[Any, ...]]]] = {}
+        self.user_axes: dict[Diagnostic, tuple[int, list[tuple[Any, ...]]]] = {}
         """Axes of the first value of each user-defined diagnostic, and the profile's coordinate."""
         self.not_finite: set[Diagnostic] = set()
         """User-defined diagnostics that were not finite, of which there is one warning each."""
@@ -268,7 +268,7 @@ class Simulation(NotCopyable):
 
     @property
     @exclusive
-    def start(self) -> Fields:
+    def initial_fields(self) -> Fields:
         """Return all fields of the initial state of the scene, each (N,)."""
         return Snapshot(self.model, self.model.initial_state(), 0.0).all_fields
 
@@ -281,9 +281,9 @@ class Simulation(NotCopyable):
         strongest = (times := self.limiting_times())[-1]
         if strongest not in self._limits:
             counted = dict(self.model.counters)
-            spectra = planning.run_spectra(self.kind, self.model, times)
+            spectra = planning.run_radii(self.stepper_class, self.model, times)
             self.model.counters.update(counted)  # the run does not count these evaluations
-            self._limits[strongest] = planning.stability_limit(self.kind, spectra)
+            self._limits[strongest] = planning.stability_limit(self.stepper_class, spectra)
         return self._limits[strongest]
 
     def limiting_times(self) -> list[float]:
@@ -296,7 +296,7 @@ class Simulation(NotCopyable):
     @exclusive
     def gravity_limit(self) -> float:
         """Gravity-wave stability limit [s]: 1 over the spectral radius at the initial state."""
-        radius = self.model.spectrum(self.model.initial_state()).wave
+        radius = self.model.spectral_radii(self.model.initial_state()).wave
         return 1.0 / radius if radius > 0.0 else math.inf
 
     @exclusive
@@ -307,7 +307,7 @@ class Simulation(NotCopyable):
         whose multiples fall on steps.  Raises ConfigError if step, length, frames and further
         times do not fit together, or an option of the stepper has the name of a diagnostic.
         """
-        check_options(self.kind.name, self.options)
+        check_options(self.stepper_class.name, self.options)
         self._plan = planning.with_cycle(self, plan) if plan else planning.plan_run(self, also)
         if self._stepper is None or not self.steps:
             self._start_stepper()
@@ -328,16 +328,16 @@ class Simulation(NotCopyable):
         from swe_sphere.steppers.adaptive import AdaptiveSteps
         from swe_sphere.steppers.tracer_steps import CarriedTracers, CarriedWithDepth
 
-        model, options = self.model, self.options | self._objects
+        model, make, options = self.model, self.stepper_class, self.options | self._objects
         stepper: Trajectory
         if cycle == 1:
-            stepper = single = self.kind(model, dt, **options)
+            stepper = single = make(model, dt, **options)
             if self.config.adaptive is not None:
                 stepper = AdaptiveSteps(single, self.config.adaptive)
         elif self.scene.wind is None:
-            stepper = CarriedTracers(model, self.kind(model.flux_model, dt, **options), cycle)
+            stepper = CarriedTracers(model, make(model.flux_model, dt, **options), cycle)
         else:
-            stepper = CarriedWithDepth(model, self.kind, dt, cycle)
+            stepper = CarriedWithDepth(model, make, dt, cycle)
         self._stepper, self._snapshot = stepper, None
         self._counts_at_build = dict(model.counters)
         return stepper
@@ -455,7 +455,7 @@ class Simulation(NotCopyable):
                     notify(observer, "begin", self.plan, self.snapshot)
                     stack.callback(self._end, observer)
                 self.accept_changes(before)
-                _ = self.snapshot.own  # a diagnostic that fails does so before the first step
+                _ = self.snapshot.user_values  # which may fail, before the first step
                 with users_code(), nullcontext() if interruption else noted:
                     Loop(self, observers, time_limit, noted, since).step_to_end()
                 _ = self.diagnostics  # one that fails ends the run like other errors
@@ -647,7 +647,7 @@ class Simulation(NotCopyable):
     @exclusive
     def initial_numbers(self) -> tuple[Numbers, Numbers]:
         """Integrals, and masses of tracers, of the initial state: drifts are relative to them."""
-        start = self.start
+        start = self.initial_fields
         masses = tracer_masses(self.mesh, start, self.scene.tracers or ())
         return state_integrals(self.model, start), masses
 
@@ -704,7 +704,7 @@ class Simulation(NotCopyable):
         plan = self._plan
         return {
             "title": self.scene.title, "stepper": self.config.stepper,
-            "scheme": self.kind.name if self._stepper is None else self._stepper.name,
+            "scheme": self.stepper_class.name if self._stepper is None else self._stepper.name,
             "dt": plan and plan.dt, "steps_at_once": plan and plan.cycle,
             "dt_rule": plan and plan.rule, "stable_dt": plan and self.stable_dt(),
             "device": self.model.device, "launch": self.model.shape,
@@ -748,9 +748,9 @@ class Simulation(NotCopyable):
         from swe_sphere.io.layout import frame_dataset, frame_fields
 
         now = self.snapshot
-        fields, own = now.all_fields | now.own_fields, now.own_attributes
         known = frame_fields(self.scene.tracers or ())
-        known |= {name: own[name] for name in now.own_fields}
+        known |= {name: now.about[name] for name in now.user_fields}
+        fields = now.all_fields | now.user_fields
         return frame_dataset(self.mesh, fields, now.time, self.attributes(), known)
 
     @property
@@ -825,7 +825,7 @@ class Simulation(NotCopyable):
         for name, array in arrays.items():
             if not np.isfinite(array).all():
                 raise Unstable(
-                    f"the array {name} of stepper {self.kind.name} is not finite at day"
+                    f"the array {name} of stepper {self.stepper_class.name} is not finite at day"
                     f" {self.time / DAY:.4g} (step {self.steps}): take a smaller dt"
                 )
         counters = {f"{restart.COUNTER}{name}": np.array(n) for name, n in self.counts().items()}

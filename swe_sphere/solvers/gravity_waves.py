@@ -14,7 +14,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.equations.effects import EFFECTS
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.right_hand_side import Operator
-from swe_sphere.equations.spectrum import Spectrum, spectral_radius
+from swe_sphere.equations.spectrum import SpectralRadii, spectral_radius
 from swe_sphere.equations.tracer_equations import MassFlux, TracerEquations
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
@@ -65,7 +65,7 @@ def wave_operator(model: Model, rest: wp.array) -> Operator:
     return recorded(model.launch, TendencyOperator(model.device_mesh, terms, parameters))
 
 
-def explicit_spectrum(model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
+def explicit_radii(model: Model, state: wp.array, t: float = 0.0) -> SpectralRadii:
     """Return the spectral radii [s-1] that limit explicit steps of F - L, and of dissipation.
 
     The larger of the rates of advection and of the Coriolis force counts. F - L has larger
@@ -84,7 +84,7 @@ def explicit_spectrum(model: Model, state: wp.array, t: float = 0.0) -> Spectrum
             model.launch.combine(out, image, -1.0, out=out)
 
         wave = max(wave, spectral_radius(model, state, remainder))
-    return Spectrum(wave, model.dissipation_radius(state))
+    return SpectralRadii(wave, model.dissipation_radius(state))
 
 
 def advection_rate(model: Model, state: wp.array, t: float = 0.0) -> float:
@@ -117,9 +117,9 @@ class TracerWaves:
         self._flow = mesh.upload(np.zeros(2 * n))
         self._ratio = tracers.mixing_ratio()
         self._transport = TracerTransport(mesh, count)
-        self._air_transport = TracerTransport(mesh, 1)
-        self._flux, self._air = mesh.upload(np.zeros(count * n)), mesh.upload(np.zeros(n))
-        self._ones, self._rate = mesh.upload(np.ones(n)), mesh.stage
+        self._depth_transport = TracerTransport(mesh, 1)
+        self._rates, self._depth_rate = mesh.upload(np.zeros(count * n)), mesh.upload(np.zeros(n))
+        self._ones, self._off = mesh.upload(np.ones(n)), mesh.stage
         self._masses, self._blocks = Masses(mesh), range(self._first // n, len(model.names))
 
     def linearise(self, state: wp.array) -> None:
@@ -134,16 +134,16 @@ class TracerWaves:
     def solve(self, tau: float, r: wp.array, x: wp.array) -> None:
         """Set x_hq = r_hq + tau L_hq x + q (residual of x_h), with the mass of r_hq."""
         self._carry_rest(x)
-        self._transport(self._flow, self._ratio.values, 0, self._flux, 0)
-        self._air_transport(self._flow, self._ones, 0, self._air, 0)
-        self._ratio.correct(self._flux, self._air, tau, r, x)
+        self._transport(self._flow, self._ratio.values, 0, self._rates, 0)
+        self._depth_transport(self._flow, self._ones, 0, self._depth_rate, 0)
+        self._ratio.correct(self._rates, self._depth_rate, tau, r, x)
         for block in self._blocks:
             self._masses.restore(r, x, block)
 
     def _carry_rest(self, d: wp.array) -> None:
         """Set flow = H V."""
         n = self._ones.size
-        self._launch(self._mass_flux, n, d, self._rest, self._depth, n, 0, self._rate, self._flow)
+        self._launch(self._mass_flux, n, d, self._rest, self._depth, n, 0, self._off, self._flow)
 
 
 class FluxWaves:

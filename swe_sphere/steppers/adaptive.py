@@ -153,11 +153,11 @@ class AdaptiveSteps(Trajectory):
     def numbers(self) -> dict[str, NDArray[Any]]:
         return self.scheme.numbers() | {"adaptive": np.array([self.next_dt, self._before])}
 
-    def load_numbers(self, state: dict[str, NDArray[Any]], steps: int) -> None:
+    def load_numbers(self, saved: dict[str, NDArray[Any]], steps: int) -> None:
         """Raise ConfigError if the numbers are not those of an adaptive stepper."""
-        if "adaptive" not in state:
+        if "adaptive" not in saved:
             raise ConfigError("the restart data are of a run with fixed steps: leave adaptive out")
-        self.scheme.load_numbers(state, steps)
-        self.origin, self.steps = float(state["origin"]), steps
-        self.next_dt, before = state["adaptive"].tolist()
+        self.scheme.load_numbers(saved, steps)
+        self.origin, self.steps = float(saved["origin"]), steps
+        self.next_dt, before = saved["adaptive"].tolist()
         self._before = min(before, self.tolerance)  # which may be stricter than that of before

@@ -161,7 +161,7 @@ class BDF2(ImplicitStepper):
         now, past = (1.0 + w) ** 2 / (1.0 + 2.0 * w), -(w**2) / (1.0 + 2.0 * w)
         self.space.axpby(past, self.previous, now, self.state, self._rhs)
         self.space.axpby(-w, self.previous, 1.0 + w, self.state, out)
-        self.space.axpy(0.5 * EXTRAPOLATED_SHARE * dt * (dt + before), self.solver.bend, out)
+        self.space.axpy(0.5 * EXTRAPOLATED_SHARE * dt * (dt + before), self.solver.curvature, out)
         return self.solver.solve(dt * (1.0 + w) / (1.0 + 2.0 * w), t + dt, self._rhs, out)
 
     def accept(self, dt: float) -> None:

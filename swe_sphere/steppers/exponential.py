@@ -236,9 +236,9 @@ class ExponentialMultistep(VariableStepper):
     def numbers(self) -> dict[str, NDArray[Any]]:
         return super().numbers() | {"past": np.array([self._known, self._spacing])}
 
-    def load_numbers(self, state: dict[str, NDArray[Any]], steps: int) -> None:
-        super().load_numbers(state, steps)
-        self._known, self._spacing = int(state["past"][0]), float(state["past"][1])
+    def load_numbers(self, saved: dict[str, NDArray[Any]], steps: int) -> None:
+        super().load_numbers(saved, steps)
+        self._known, self._spacing = int(saved["past"][0]), float(saved["past"][1])
 
     def arrays(self) -> dict[str, wp.array]:
         states = {f"state_{i}": array for i, array in enumerate(self._states, 1)}

@@ -9,7 +9,7 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.spectrum import Spectrum
+from swe_sphere.equations.spectrum import SpectralRadii
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.solvers.gravity_waves import advection_rate
@@ -41,7 +41,7 @@ def strongest_advection(model: Model) -> float:
         scene = scene.without_effect("tracers")
     coarse = Model(small, scene, model.device, model.precision, model.shape)
     state = coarse.initial_state()
-    spectrum = RK4.spectrum(coarse, state)
+    spectrum = RK4.spectral_radii(coarse, state)
     dt = RK4.safety * RK4.stable_dt(spectrum)
     steps = min(min(coarse.scene.days, DAYS) * DAY / dt, MOST_STEPS)
     stepper = RK4(coarse, dt)
@@ -56,7 +56,7 @@ def strongest_advection(model: Model) -> float:
         if rate > spectrum.wave:  # faster than the waves: the run becomes unstable
             break
         largest = max(largest, rate)
-    return largest * RK4.spectrum(model, model.initial_state()).wave / spectrum.wave
+    return largest * RK4.spectral_radii(model, model.initial_state()).wave / spectrum.wave
 
 
 WIND_PARTS = np.linspace(0.0, 1.0, 5)
@@ -76,19 +76,19 @@ class FlowLimitStepper(Stepper):
     """Number of fractions of the reach to test; the first unstable one bounds the limit."""
 
     @classmethod
-    def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
+    def spectral_radii(cls, model: Model, state: wp.array, t: float = 0.0) -> SpectralRadii:
         """Return the spectral radii [s-1], with the wind's part of `wave` and the Coriolis rate."""
-        found, share = super().spectrum(model, state, t), wind_share(model, state)
+        found, share = super().spectral_radii(model, state, t), wind_share(model, state)
         inertial = 0.0 if share == NOTHING_BUT_WIND else float(np.abs(model.coriolis).max())
         return replace(found, wind=found.wave * share, inertial=inertial)
 
     @classmethod
-    def stable_dt(cls, spectrum: Spectrum) -> float:
-        """Return the largest step [s] that amplifies no wave in winds up to `wind` of the spectrum.
+    def stable_dt(cls, radii: SpectralRadii) -> float:
+        """Return the largest step [s] that amplifies no wave in winds up to the radius `wind`.
 
         It also amplifies no vorticity that the wind carries, and no inertial oscillation.
         """
-        wave, rates = spectrum.wave, (spectrum.wind, spectrum.inertial)
+        wave, rates = radii.wave, (radii.wind, radii.inertial)
         share, turn = (rate / wave if wave > 0.0 else 0.0 for rate in rates)
         cases = [(1.0 - share, part * share) for part in (WIND_PARTS if share > 0.0 else (0.0,))]
         cases += [(0.0, share), (0.0, turn)]
@@ -99,7 +99,7 @@ class FlowLimitStepper(Stepper):
             return np.asarray(np.max([largest_eigenvalue(s) for s in steps], axis=0))
 
         return largest_step(
-            factor, wave, spectrum.dissipation, cls.reach, WEAK if share else NO_GROWTH, cls.looks
+            factor, wave, radii.dissipation, cls.reach, WEAK if share else NO_GROWTH, cls.looks
         )
 
     @classmethod

@@ -115,7 +115,7 @@ class Passes:
         if self._transport is not None:
             wind = model.parameters.get("wind", self.wind_mix) if self._base is None else self._base
             local = self._local_depth
-            mesh.sweep(
+            mesh.over_elements(
                 local, self._transport, mesh.threads(self._mass_fields), self._geometry, wind,
                 self.mass_mix, self._first * size, self._mass_fields, local.values,
                 step if self._direct else out,
@@ -136,7 +136,7 @@ class Passes:
         if self._force is not None:
             done = step if self._direct else out
             inputs = self._force_geometry, self.wind_mix, self._local_wind.values, done
-            mesh.sweep(self._local_wind, self._force, mesh.threads(), *inputs)
+            mesh.over_elements(self._local_wind, self._force, mesh.threads(), *inputs)
         self._sum_wind(self._node_geometry, mesh.places(2), mesh.lanes, self._local_wind.flat, step)
 
     def _step_of(self, tau: float, levels: Levels, out: wp.array, weights: Any, depths: Any) -> Any:
@@ -316,8 +316,8 @@ class ForwardBackwardRK3(DepthThenWind):
         super().start(state, t)
         self._prepare()
 
-    def load_numbers(self, state: dict[str, NDArray[Any]], steps: int) -> None:
-        super().load_numbers(state, steps)
+    def load_numbers(self, saved: dict[str, NDArray[Any]], steps: int) -> None:
+        super().load_numbers(saved, steps)
         self._prepare()
 
     def _prepare(self) -> None:

@@ -9,9 +9,9 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.spectrum import Spectrum
+from swe_sphere.equations.spectrum import SpectralRadii
 from swe_sphere.errors import ConfigError
-from swe_sphere.solvers.gravity_waves import explicit_spectrum, reference_depth
+from swe_sphere.solvers.gravity_waves import explicit_radii, reference_depth
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import stability
 from swe_sphere.steppers.flow_limit import strongest_advection
@@ -48,13 +48,13 @@ class ImexStepper(Stepper):
         self.allocate()
 
     @classmethod
-    def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
+    def spectral_radii(cls, model: Model, state: wp.array, t: float = 0.0) -> SpectralRadii:
         """Return the spectral radii [s-1] of F - L at the strongest wind of a trial run.
 
         If the initial wind is faster than the gravity waves, the Coriolis force adds to advection.
         """
         fastest = np.sqrt(model.scene.planet.gravity * reference_depth(model).max())
-        at_start, wind = explicit_spectrum(model.inviscid, state, t), model.strongest_wind
+        at_start, wind = explicit_radii(model.inviscid, state, t), model.strongest_wind
         wave = max(at_start.wave, strongest_advection(model))
         wave *= cls.wind_factor if 3.0 * wind > fastest else 1.0
         if wind > fastest:

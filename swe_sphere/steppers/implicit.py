@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.effects import MASSES
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.spectrum import Spectrum
+from swe_sphere.equations.spectrum import SpectralRadii
 from swe_sphere.errors import ConfigError, SolverFailed
 from swe_sphere.ranks.limits import check_stop
 from swe_sphere.solvers.krylov import FlexibleGMRES
@@ -216,7 +216,7 @@ class VariableStepper(Stepper):
         self.load_state_dict(earlier.state_dict() | {"origin": np.array(t)}, 0)
 
     @classmethod
-    def stable_dt(cls, spectrum: Spectrum) -> float:
+    def stable_dt(cls, radii: SpectralRadii) -> float:
         """Return infinity: the step is limited by accuracy alone."""
         return np.inf
 

@@ -9,7 +9,7 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.spectrum import Spectrum
+from swe_sphere.equations.spectrum import SpectralRadii
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.assembly import drift, kick
 from swe_sphere.kernels.dynamics import gradient, transport
@@ -65,7 +65,7 @@ class MultirateInfinitesimalStep(FlowLimitStepper):
         self._fast: FastWaves | None = None
         if model.scene.effect("pressure-gradient") is not None:
             self._fast, start = FastWaves(model), model.initial_state()
-            radius = (1.0 - wind_share(model, start)) * model.spectrum(start).wave
+            radius = (1.0 - wind_share(model, start)) * model.spectral_radii(start).wave
             self._steps = substep_counts(beta, max(dt * radius, ANGLE * substeps))
         self._moved = model.zeros() if self._fast is None else self._fast.state
         self._rate, self._stage, self._nothing = (model.zeros() for _ in range(3))
@@ -103,13 +103,13 @@ class MultirateInfinitesimalStep(FlowLimitStepper):
         return alpha, beta, gamma
 
     @classmethod
-    def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
+    def spectral_radii(cls, model: Model, state: wp.array, t: float = 0.0) -> SpectralRadii:
         """Return spectral radii [s-1], with the slow rate in place of the wind's share.
 
         The slow rate is that of the strongest wind of a trial run, or of the Coriolis force, which
         limits the waves as a wind does; rotation alone does not set the limit.
         """
-        found = super().spectrum(model, state, t)
+        found = super().spectral_radii(model, state, t)
         if model.scene.effect("pressure-gradient") is None:
             return found
         slow = max(found.wind, INERTIAL * found.inertial, strongest_advection(model.inviscid))
@@ -201,7 +201,7 @@ class FastWaves:
 
     def _drift(self, rest: wp.array, rate: wp.array, tau: float, kept: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
-        mesh.sweep(
+        mesh.over_elements(
             self._divergence, self._transport, mesh.threads(1), self._geometry, s, rest,
             self._winds, 1, self._divergence.values, s,
         )  # fmt: skip
@@ -213,7 +213,7 @@ class FastWaves:
 
     def _kick(self, rate: wp.array, tau: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
-        mesh.sweep(
+        mesh.over_elements(
             self._gradient, self._slope, mesh.threads(1), self._geometry, s, self._depth, 0, 1,
             self._gradient.values, s,
         )  # fmt: skip

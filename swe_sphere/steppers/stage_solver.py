@@ -48,7 +48,7 @@ def energy_weights(model: Model) -> Array:
     return np.concatenate([share, share, heights, *tracers])
 
 
-class Motion:
+class TimeDerivatives:
     """Time derivatives of the state by differences of its mean slopes over the last steps.
 
     rate |x'| [m s-1 s-1 in the energy norm]; frequencies |x''|/|x'| and |x'''|/|x''| [s-1], of
@@ -62,7 +62,7 @@ class Motion:
         self._work = space.zeros()
         self.mean_slope = space.zeros()
         """Change over the last step, divided by its length."""
-        self.bend = space.zeros()
+        self.curvature = space.zeros()
         """x'' between the last two steps."""
         self.rate, self.last_dt = 0.0, 0.0
         """|x'|, and the length [s] of the last step, which is 0 before the first."""
@@ -70,17 +70,17 @@ class Motion:
 
     def accept(self, old: wp.array, new: wp.array, dt: float) -> None:
         """Record a step of dt [s] between two states."""
-        space, slope, bend, before = self.space, self._work, self.mean_slope, self.bend
+        space, slope, curvature, before = self.space, self._work, self.mean_slope, self.curvature
         apart = 0.5 * (dt + self.last_dt)
         space.axpby(1.0 / dt, new, -1.0 / dt, old, slope)
-        space.axpby(1.0 / apart, slope, -1.0 / apart, bend)
-        pairs = (bend, bend), (before, before), (bend, before), (slope, slope)
+        space.axpby(1.0 / apart, slope, -1.0 / apart, curvature)
+        pairs = (curvature, curvature), (before, before), (curvature, before), (slope, slope)
         now, then, both, square = map(float, space.dots(*pairs))
         self.rate = math.sqrt(square)
         first = _ratio(math.sqrt(now), self.rate)
         second = _ratio(math.sqrt(max(now - 2.0 * both + then, 0.0) / now), dt) if now else first
         self.frequencies = first, (max(first, second) if then else first)
-        self.mean_slope, self.bend, self._work, self.last_dt = slope, bend, before, dt
+        self.mean_slope, self.curvature, self._work, self.last_dt = slope, curvature, before, dt
 
     def truncation(self, constant: float, order: int, dt: float) -> float:
         """Return the permitted residual in a step of dt [s] of a scheme with error constant C.
@@ -91,14 +91,14 @@ class Motion:
         return SHARE * constant * first * float(second ** (order - 1))
 
     def arrays(self) -> dict[str, wp.array]:
-        return {"mean_slope": self.mean_slope, "bend": self.bend}
+        return {"mean_slope": self.mean_slope, "curvature": self.curvature}
 
     def numbers(self) -> dict[str, NDArray[Any]]:
         """Return the numbers that an exact restart needs in addition to `arrays`."""
-        return {"motion": np.array([self.rate, self.last_dt, *self.frequencies])}
+        return {"time_derivatives": np.array([self.rate, self.last_dt, *self.frequencies])}
 
     def load_numbers(self, saved: dict[str, NDArray[Any]]) -> None:
-        self.rate, self.last_dt, first, second = saved["motion"].tolist()
+        self.rate, self.last_dt, first, second = saved["time_derivatives"].tolist()
         self.frequencies = first, second
 
 
@@ -109,11 +109,11 @@ def _ratio(above: float, below: float) -> float:
     return above / below if below > 0.0 else math.inf
 
 
-class StageSolver(Motion):
+class StageSolver(TimeDerivatives):
     """A solver of stages whose residuals are below the truncation error of a step.
 
     `tolerance`: largest residual, relative to the change over a step; the target is a fraction of
-    the estimated truncation error, if smaller (see `Motion`). ConfigError for one out of range.
+    the estimated truncation error, if smaller. ConfigError for one out of range.
     """
 
     def __init__(self, model: Model, tolerance: float) -> None:
@@ -137,14 +137,14 @@ class StageSolver(Motion):
 
         The returned array is that of the slope, not a copy.
         """
-        space, slope, bend, probe = self.space, self.mean_slope, self.bend, PROBE * dt
+        space, slope, curvature, probe = self.space, self.mean_slope, self.curvature, PROBE * dt
         self.model.tendency(state, t, slope)
         space.axpby(probe, slope, 1.0, state, self._work)
-        self.model.tendency(self._work, t + probe, bend)
-        space.axpy(-1.0, slope, bend)
+        self.model.tendency(self._work, t + probe, curvature)
+        space.axpy(-1.0, slope, curvature)
         self.rate, self.last_dt = space.norm(slope), 0.0
-        self.frequencies = (_ratio(space.norm(bend), probe * self.rate),) * 2
-        space.clear(bend)
+        self.frequencies = (_ratio(space.norm(curvature), probe * self.rate),) * 2
+        space.clear(curvature)
         return slope
 
     def aim(self, state: wp.array, error_constant: float, order: int, dt: float) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.spectrum import Spectrum
+from swe_sphere.equations.spectrum import SpectralRadii
 from swe_sphere.errors import ConfigError, NotCopyable
 from swe_sphere.files.user_file import is_custom
 from swe_sphere.operators.replay import Replay
@@ -118,11 +118,11 @@ class Trajectory(NotCopyable):
         solver = {} if self.solver is None else self.solver.numbers()
         return {"origin": np.array(self.origin)} | solver
 
-    def load_numbers(self, state: dict[str, NDArray[Any]], steps: int) -> None:
+    def load_numbers(self, saved: dict[str, NDArray[Any]], steps: int) -> None:
         """Load the result of `numbers` after that many steps."""
-        self.origin, self.steps = float(state["origin"]), steps
+        self.origin, self.steps = float(saved["origin"]), steps
         if self.solver is not None:
-            self.solver.load_numbers(state)
+            self.solver.load_numbers(saved)
 
     def keep(self) -> Callable[[], None]:
         """Return a function that restores the present state; arrays are kept on the device."""
@@ -144,7 +144,7 @@ class Trajectory(NotCopyable):
         collect, arrays = self.model.device_mesh.collect, self.restart_arrays()
         return {name: collect(array).copy() for name, array in arrays.items()} | self.numbers()
 
-    def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
+    def load_state_dict(self, saved: dict[str, NDArray[Any]], steps: int) -> None:
         """Resume from the result of `state_dict` after that many steps.
 
         Raises ConfigError if the arrays are those of another stepper or of another size.
@@ -152,11 +152,11 @@ class Trajectory(NotCopyable):
         mesh, misfit = self.model.device_mesh, f"the restart data do not fit stepper {self.name}"
         for name, array in self.restart_arrays().items():
             shape = *array.shape[:-1], array.shape[-1] // mesh.size * mesh.mesh.size
-            if name not in state or state[name].shape != shape:
+            if name not in saved or saved[name].shape != shape:
                 raise ConfigError(f"{misfit}: {name}")
-            wp.copy(array, mesh.scatter(state[name]))
+            wp.copy(array, mesh.scatter(saved[name]))
         try:
-            self.load_numbers(state, steps)
+            self.load_numbers(saved, steps)
         except KeyError as lacking:
             raise ConfigError(f"{misfit}: {lacking.args[0]}") from None
 
@@ -325,19 +325,20 @@ class Stepper(Trajectory, ABC):
         """Exchange the roles of arrays after `advance`; launches nothing."""
 
     @classmethod
-    def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
+    def spectral_radii(cls, model: Model, state: wp.array, t: float = 0.0) -> SpectralRadii:
         """Return the spectral radii [s-1] of the explicit part of the method, for `stable_dt`."""
-        return model.inviscid.spectrum(state, t)
+        return model.inviscid.spectral_radii(state, t)
 
     @classmethod
-    def stable_dt(cls, spectrum: Spectrum) -> float:
-        """Return the largest stable step [s] for the result of `spectrum`."""
-        radii = spectrum.wave, spectrum.dissipation
-        return largest_step(cls.amplification, *radii, cls.reach, growth_time=GROWTH_TIME)
+    def stable_dt(cls, radii: SpectralRadii) -> float:
+        """Return the largest stable step [s] for the result of `spectral_radii`."""
+        wave, dissipation = radii.wave, radii.dissipation
+        method = cls.amplification, wave, dissipation, cls.reach
+        return largest_step(*method, growth_time=GROWTH_TIME)
 
     @classmethod
     def amplification(cls, z_wave: Complex, z_dissipation: Complex) -> Array:
-        """Return the largest |factor| of a step for eigenvalues times dt of waves and dissipation."""
+        """Return the largest |factor| of a step, given eigenvalues times dt of both kinds."""
         raise ConfigError(
             f"stepper {cls.name} defines no `amplification(cls, z_wave, z_dissipation)`, from"
             " which its stability limit follows"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import spectral_radius
 from swe_sphere.errors import ConfigError, Unstable
-from swe_sphere.operators.tracers import Crossings, MassSteps, TracerTransport
+from swe_sphere.operators.tracers import CourantRate, MassSteps, TracerTransport
 from swe_sphere.ranks.limits import check_stop
 from swe_sphere.solvers.vector_space import Masses
 from swe_sphere.steppers.split_diffusion import Diffusion
@@ -72,27 +72,27 @@ class TransportRate:
 
     def __init__(self, model: Model) -> None:
         mesh, state = model.device_mesh, model.initial_state()
-        self._crossings, depth = Crossings(mesh), model.fluid_size - mesh.size
+        self._courant, depth = CourantRate(mesh), model.fluid_size - mesh.size
         model.set_time(0.0)
         wind = model.parameters.get("wind", state)
-        bound = self._crossings.bound(wind, mesh.upload(np.ones(mesh.size)))
+        bound = self._courant.bound(wind, mesh.upload(np.ones(mesh.size)))
         transport = TracerTransport(mesh, 1)
 
         def carry(x: wp.array, out: wp.array) -> None:
             transport(wind, x, depth, out, depth)
 
-        self.start = min(bound, spectral_radius(model, state, carry))
+        self.initial = min(bound, spectral_radius(model, state, carry))
         """Spectral radius at the initial state of the scene [s-1], an upper bound."""
-        self._share = min(1.0, MARGIN * self.start / bound) if bound > 0.0 else 1.0
+        self._share = min(1.0, MARGIN * self.initial / bound) if bound > 0.0 else 1.0
 
-    def __call__(self, flux: wp.array, air: wp.array) -> float:
-        """Return the radius [s-1] of q -> div(q flux) / air."""
-        return self._share * self._crossings.bound(flux, air)
+    def __call__(self, flux: wp.array, depth: wp.array) -> float:
+        """Return the radius [s-1] of q -> div(q flux) / depth."""
+        return self._share * self._courant.bound(flux, depth)
 
 
 def tracer_limit(model: Model) -> float:
     """Return the longest step [s] of tracers in the initial wind; infinite at rest."""
-    radius = TransportRate(model).start
+    radius = TransportRate(model).initial
     return TRACER_PARTS * LONGEST / (MARGIN * radius) if radius > 0.0 else math.inf
 
 
@@ -132,9 +132,9 @@ class TracerSteps(Trajectory, ABC):
     def _finish(self) -> None:
         """Copy wind and depth from the flow's own stepper."""
 
-    def _move_tracers(self, steps: MassSteps, flow: wp.array, air: wp.array, tau: float) -> None:
-        """Carry masses of `state` for tau [s] by a flow, which moves with a speed of flow / air."""
-        parts, fractions = stages_for(tau * self._rate(flow, air))
+    def _move_tracers(self, steps: MassSteps, flow: wp.array, depth: wp.array, tau: float) -> None:
+        """Carry masses of `state` for tau [s] by a flow, which moves with the wind flow / depth."""
+        parts, fractions = stages_for(tau * self._rate(flow, depth))
         self.counters["tracer_stages"] += parts * len(fractions)
         steps(flow, self.state, tau, parts, fractions)
 
@@ -202,9 +202,9 @@ class CarriedTracers(TracerSteps):
     def numbers(self) -> dict[str, NDArray[Any]]:
         return super().numbers() | _of_flow(self.scheme.numbers())
 
-    def load_numbers(self, state: dict[str, NDArray[Any]], steps: int) -> None:
-        super().load_numbers(state, steps)
-        flow = {k.removeprefix(FLOW): v for k, v in state.items() if k.startswith(FLOW)}
+    def load_numbers(self, saved: dict[str, NDArray[Any]], steps: int) -> None:
+        super().load_numbers(saved, steps)
+        flow = {k.removeprefix(FLOW): v for k, v in saved.items() if k.startswith(FLOW)}
         self.scheme.load_numbers(flow, steps)
 
 

@@ -194,7 +194,7 @@ KERNELS = (
         "limiter forgets the masses of nodes",
         "kernels/limiter.py",
         ("deformational-limiter-day",),
-        "out[e, n, k] = mul(mass(geo, e, n), change)",
+        "out[e, n, k] = mul(node_area(geo, e, n), change)",
         "out[e, n, k] = change",
     ),
     Edit(

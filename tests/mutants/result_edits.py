@@ -126,7 +126,7 @@ RUNS = tested(
         "drifts are relative to the state of the first sample",
         SIMULATION,
         ("test_simulation.py::test_settings_reach_scene_and_effects",),
-        "        start = self.start\n        masses",
+        "        start = self.initial_fields\n        masses",
         "        start = self.snapshot.all_fields\n        masses",
     ),
     (

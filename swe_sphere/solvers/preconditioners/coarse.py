@@ -125,7 +125,7 @@ class CoarsePart:
     ) -> None:
         """Find the functions of this rank; gradients (2N, V): those of the computational modes."""
         mesh, launch = operator.mesh, operator.mesh.launch
-        self._mesh, self._launch, self._here = mesh, launch, mesh.part.elements
+        self._mesh, self._launch, self._here = mesh, launch, mesh.part.element_numbers
         self._numbers = _numbers(spaces)
         self._mine = np.unique(self._numbers[self._here])
         self._is_mine = np.zeros(self._numbers.max() + 1, dtype=bool)

@@ -124,7 +124,7 @@ def _compared(sim: Simulation, case: Case, changes: dict[str, Any]) -> Fields:
 
 def _extremes(sim: Simulation) -> dict[str, float]:
     """Return numbers of the mesh and the initial state, largest winds, and bounds of tracers."""
-    mesh, model, before, end = sim.mesh, sim.model, sim.start, sim.diagnostics
+    mesh, model, before, end = sim.mesh, sim.model, sim.initial_fields, sim.diagnostics
     integrals, _ = sim.initial_numbers
     found = {
         "area": abs(float(mesh.area.sum()) / (4.0 * math.pi * mesh.radius**2) - 1.0),

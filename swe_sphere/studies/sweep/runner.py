@@ -361,7 +361,7 @@ class Evaluator:
             kind: {day: errors(space.sim.model, ours[day], right[day]) for day in days}
             for kind, errors in self._errors.items()
         }
-        gain = 2.0 ** setup.kind.order_in(space.sim.model, **setup.options)
+        gain = 2.0 ** setup.stepper_class.order_in(space.sim.model, **setup.options)
         for spec, share in ((coarse, gain / (gain - 1.0)), (fine, 1.0 / (gain - 1.0))):
             record, fields = made[spec]
             errors = self._total_errors(space, fields)
@@ -401,7 +401,7 @@ class Evaluator:
                 self._right[key] = self._reference(space, day)
             right = self._right[key]
             if isinstance(right, OnGrid):
-                whole = fields | {"b": space.sim.start["b"]}
+                whole = fields | {"b": space.sim.initial_fields["b"]}
                 found[day] = right.errors(whole, space.scene.error_field)
             elif right is not None:
                 found[day] = diagnostics.flow_errors(space.sim.model, fields, right)

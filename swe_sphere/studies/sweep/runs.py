@@ -23,7 +23,7 @@ from typing import Any, Literal
 import numpy as np
 
 from swe_sphere.equations.scene import Scene
-from swe_sphere.equations.spectrum import Spectrum
+from swe_sphere.equations.spectrum import SpectralRadii
 from swe_sphere.errors import ConfigError, in_one_line
 from swe_sphere.files.fingerprints import (
     SCENE_FILE,
@@ -172,7 +172,7 @@ class Discretisation:
         self.config, self._own = config, own
         self.scene = build.make_scene(config, own)
         self.mesh = build.make_mesh(config, self.scene)
-        self._spectra: dict[type[Stepper], list[Spectrum]] = {}
+        self._radii: dict[type[Stepper], list[SpectralRadii]] = {}
 
     @cached_property
     def identity(self) -> str:
@@ -182,7 +182,7 @@ class Discretisation:
             "code": code_fingerprint(),
         }  # fmt: skip
         if self._own is not None:  # its functions may depend on more than its parameters
-            same |= {name: str(values.tobytes()) for name, values in self.sim.start.items()}
+            same |= {name: str(x.tobytes()) for name, x in self.sim.initial_fields.items()}
             same |= self._samples(self._own)
         return fingerprint(same)
 
@@ -231,12 +231,12 @@ class Discretisation:
 
     def stable_dt(self, kind: type[Stepper]) -> float:
         """Return the approximate stability limit [s] of a stepper in a run, or infinity."""
-        own = kind.spectrum.__func__ is not Stepper.spectrum.__func__  # type: ignore[attr-defined]
+        own = kind.spectral_radii.__func__ is not Stepper.spectral_radii.__func__  # type: ignore[attr-defined]
         of = kind if own else Stepper
-        if of not in self._spectra:
+        if of not in self._radii:
             times = self.sim.limiting_times()
-            self._spectra[of] = planning.run_spectra(kind, self.sim.model, times)
-        return planning.stability_limit(kind, self._spectra[of])
+            self._radii[of] = planning.run_radii(kind, self.sim.model, times)
+        return planning.stability_limit(kind, self._radii[of])
 
 
 class Study:
@@ -384,7 +384,7 @@ class Setup:
     study: Study = field(compare=False, repr=False)
 
     @property
-    def kind(self) -> type[Stepper]:
+    def stepper_class(self) -> type[Stepper]:
         """Class of the stepper."""
         return get_stepper(self.config.stepper)
 
@@ -399,7 +399,7 @@ class Setup:
     def refusal(self) -> str | None:
         """Reason why the stepper cannot run this scene, if any."""
         try:
-            build.stepper_options(self.kind, self.config)
+            build.stepper_options(self.stepper_class, self.config)
             _ = self.stable_dt
         except ConfigError as error:
             return in_one_line(error)
@@ -410,7 +410,7 @@ class Setup:
         """Options of the stepper; as requested if it cannot be built."""
         if self.refusal is not None:
             return {"preconditioner": self.config.preconditioner}
-        return build.stepper_options(self.kind, self.config)
+        return build.stepper_options(self.stepper_class, self.config)
 
     @cached_property
     def sources(self) -> dict[str, str]:
@@ -420,12 +420,12 @@ class Setup:
     @property
     def stable_dt(self) -> float:
         """Approximate stability limit [s]; infinite if there is none."""
-        return self.space.stable_dt(self.kind)
+        return self.space.stable_dt(self.stepper_class)
 
     @property
     def safe_dt(self) -> float:
         """Safe fraction of the stability limit [s]; infinite without one."""
-        return self.kind.safety * self.stable_dt
+        return self.stepper_class.safety * self.stable_dt
 
     def spec(self, dt: float, role: Role = "grid") -> RunSpec:
         """Return the run with steps of dt [s], slightly shorter if report times require it.
@@ -447,7 +447,7 @@ class Setup:
         if plan.dt != "auto":
             steps = sorted(plan.dt, reverse=True)
         elif self.refusal is None:
-            explicit = math.isfinite(self.safe_dt) and self.kind.family == "explicit"
+            explicit = math.isfinite(self.safe_dt) and self.stepper_class.family == "explicit"
             gravity, interval = self.space.limits["gravity_limit"], self.study.interval
             steps = dt_sequence(self.safe_dt, explicit, gravity, interval, plan.levels)
         else:
@@ -496,7 +496,7 @@ class RunSpec:
     @property
     def resolved(self) -> RunConfig:
         """The configuration with the stepper of a file by name, and with its preconditioner."""
-        stepper, kind = self.config.stepper, self.setup.kind
+        stepper, kind = self.config.stepper, self.setup.stepper_class
         chosen = self.setup.options.get("preconditioner") or self.config.preconditioner
         named = kind.name if is_user_file(stepper) else stepper
         return self.config.model_copy(update={"stepper": named, "preconditioner": chosen})
