@@ -65,7 +65,7 @@ def cost(kernel: wp.Kernel, contributors: float) -> Cost:
 
 def _native(name: str, body: str, gather: Cost) -> Cost | None:
     """Return the cost of a C++ function for one node; None if it is for another launch shape."""
-    if name.startswith("leave_of"):
+    if name.startswith("stage_store"):
         return Cost(stores=float(re.findall(r"f < (\d+)", body)[0]))
     if name.startswith("shared_lines__locals__line_sum"):  # of rows that threads share
         points, rows = (int(re.findall(rf"{each} < (\d+)", body)[0]) for each in "mk")

@@ -20,7 +20,7 @@ from swe_sphere.kernels.formulas import single
 from swe_sphere.kernels.pointwise import Pointwise, pointwise_sum
 from swe_sphere.kernels.simd.arithmetic import mul
 from swe_sphere.kernels.simd.memory import Places, gather, load
-from swe_sphere.kernels.simd.stages import leave_of, stage
+from swe_sphere.kernels.simd.stages import stage, stage_store
 from swe_sphere.kernels.terms import KernelTypes, geometry
 
 
@@ -33,7 +33,7 @@ def assembly_kernels(unknowns: int, point: Pointwise) -> tuple[Any, Any]:
     has the arguments (N, structure, state, stage, result), for scenes without derivatives.
     """
     some, added, last = rows(unknowns), pointwise_sum(unknowns, point), unknowns - 1
-    leave, structure, add = leave_of(unknowns), added.structure, added.add
+    store_stage, structure, add = stage_store(unknowns), added.structure, added.add
 
     @func
     def means(places: Places, inverse_area: vector, stride: int, node: int, local: vector):
@@ -52,17 +52,17 @@ def assembly_kernels(unknowns: int, point: Pointwise) -> tuple[Any, Any]:
     ):  # fmt: skip
         node = first + lanes * wp.tid()
         r = means(places, inverse_area, stride, node, local)
-        leave(s, node, size, add(c, node, size, x, r), out)
+        store_stage(s, node, size, add(c, node, size, x, r), out)
 
     @kernel
     def pointwise_alone(size: int, c: structure, x: vector, s: stage, out: vector):
         node = lanes * wp.tid()
-        leave(s, node, size, add(c, node, size, x, some()), out)
+        store_stage(s, node, size, add(c, node, size, x, some()), out)
 
     return assemble_pointwise, pointwise_alone
 
 
-leave_one = leave_of(1)
+store_stage_of_field = stage_store(1)
 
 
 @kernel
@@ -76,18 +76,18 @@ def assemble_blocks(
     for k in range(count):
         rate = single()
         rate[0] = mul(scale, gather(local, places, node, k * stride))
-        leave_one(s, first + k * size + node, 0, rate, out)
+        store_stage_of_field(s, first + k * size + node, 0, rate, out)
 
 
 @functools.cache
 def finish_rates(t: KernelTypes, fields: int) -> Finish:
     """Return the `Finish` that stores the rates of `fields` fields, with pointwise terms added."""
     assert t.point is not None
-    add, leave, some, whole = t.point.add, leave_of(fields), rows(fields), t.terms.unknowns
+    add, store_stage, some, whole = t.point.add, stage_store(fields), rows(fields), t.terms.unknowns
     skew = t.terms.skew
 
     @func
-    def finish(geo: geometry, x: vector, r: some, k: int, node: int, done: vector):
+    def finish(geo: geometry, x: vector, r: some, k: int, node: int, direct: vector):
         scale = load(geo.inverse_area, node)
         rate = some()
         for i in range(fields):
@@ -96,7 +96,7 @@ def finish_rates(t: KernelTypes, fields: int) -> Finish:
             rate = add(geo.point, node, geo.size, geo.base, rate)
         elif wp.static(fields == whole):
             rate = add(geo.point, node, geo.size, x, rate)
-        leave(geo.stage, node + k * geo.size, geo.size, rate, done)
+        store_stage(geo.stage, node + k * geo.size, geo.size, rate, direct)
 
     return finish
 

@@ -111,7 +111,7 @@ def _diffused(terms: Terms, height: bool, wind: bool, kind: Any) -> Any:
     return operands
 
 
-winds, wind = winds_at(own=True, base=False)
+winds, load_winds = winds_at(own=True, base=False)
 
 
 @func
@@ -136,7 +136,7 @@ def _weighted(geo: geometry, w: winds, d1: pair, d2: pair, e: int, n: int):
     return r
 
 
-derivatives = Formula(winds, wind, pair, _wind_components, _weighted, 2, to_edges=True)
+derivatives = Formula(winds, load_winds, pair, _wind_components, _weighted, 2, edges_only=True)
 """Formula of gamma W J times divergence and vorticity of the wind x at edges of elements."""
 
 

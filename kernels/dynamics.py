@@ -24,7 +24,7 @@ def transport(tangent: bool = False) -> Formula:
 
     The tangent is -div(m' V + m V'), with (V, m) of the state a and (V', m') of x.
     """
-    (winds, wind), first = winds_at(own=tangent, base=True), 2 * tangent
+    (winds, load_winds), first = winds_at(own=tangent, base=True), 2 * tangent
 
     @func
     def operands(geo: geometry, w: winds, a: vector, x: vector, at: int, e: int, n: int):
@@ -43,7 +43,7 @@ def transport(tangent: bool = False) -> Formula:
     def result(geo: geometry, w: winds, d1: single, d2: single, e: int, n: int):
         return row(-geo.weight[n // np_, n % np_] * divergence(d1[0], d2[0]))
 
-    return Formula(winds, wind, single, operands, result, 1)
+    return Formula(winds, load_winds, single, operands, result, 1)
 
 
 @func
@@ -68,7 +68,7 @@ gradient = Formula(none, no_wind, single, _field, _slope, 2, is_scalar=True)
 
 def vector_invariant(terms: Terms) -> Formula:
     """Return the formula of -zeta k x V - grad B and -div(h V), with B = |V|²/2 + g (h + b)."""
-    winds, wind = winds_at(own=True, base=False)
+    winds, load_winds = winds_at(own=True, base=False)
     kind, parts, rates = _equations(terms, curls=1)
     surface, last = surface_height(terms), 2 - terms.momentum
 
@@ -91,12 +91,12 @@ def vector_invariant(terms: Terms) -> Formula:
         else:
             return rates(geo, d1, d2, e, n, value(real(0.0)), value(real(0.0)))
 
-    return Formula(winds, wind, kind, operands, result, 3 - terms.momentum, turns=True)
+    return Formula(winds, load_winds, kind, operands, result, 3 - terms.momentum, needs_winds=True)
 
 
 def tangent(terms: Terms) -> Formula:
     """Return the formula of the derivative of `vector_invariant` at the state a along x."""
-    winds, wind = winds_at(own=True, base=True)
+    winds, load_winds = winds_at(own=True, base=True)
     kind, parts, rates = _equations(terms, curls=2)
     last = 2 - terms.momentum
 
@@ -130,7 +130,7 @@ def tangent(terms: Terms) -> Formula:
         else:
             return rates(geo, d1, d2, e, n, value(real(0.0)), value(real(0.0)))
 
-    return Formula(winds, wind, kind, operands, result, 3 - terms.momentum, turns=True)
+    return Formula(winds, load_winds, kind, operands, result, 3 - terms.momentum, needs_winds=True)
 
 
 def skew(terms: Terms) -> Formula:
@@ -139,7 +139,7 @@ def skew(terms: Terms) -> Formula:
     zeta is the vorticity of the wind of x, and B is the field that x stores in place of its depth.
     Vb and hb are wind and depth of the state a. See `Terms.skew`.
     """
-    winds, wind = winds_at(own=True, base=True)
+    winds, load_winds = winds_at(own=True, base=True)
     kind, parts, rates = _equations(terms, curls=1)
 
     @func
@@ -154,7 +154,7 @@ def skew(terms: Terms) -> Formula:
         zeta = curl(d1[2], d2[2])
         return rates(geo, d1, d2, e, n, mul(zeta, w[3]), mul(zeta, w[2]))
 
-    return Formula(winds, wind, kind, operands, result, 3, turns=True)
+    return Formula(winds, load_winds, kind, operands, result, 3, needs_winds=True)
 
 
 def _equations(terms: Terms, curls: int) -> tuple[Any, Any, Any]:

@@ -12,10 +12,10 @@ from swe_sphere.kernels.define import func, rows, specialise, vector
 from swe_sphere.kernels.diffusion import diffusion
 from swe_sphere.kernels.formulas import Formula
 from swe_sphere.kernels.simd.arithmetic import line_sums
-from swe_sphere.kernels.terms import KernelTypes, done, geometry, local, np_
+from swe_sphere.kernels.terms import KernelTypes, geometry, local, np_, output
 
 Finish = Any
-"""Function (geometry, x, result, k, node, done) for nodes inside elements, which need no DSS.
+"""Function (geometry, x, result, k, node, direct) for nodes inside elements, which need no DSS.
 
 The function multiplies the rows of a result by the inverse area and steps or stores them.  `k` is
 the first field of the result, `node` the number of the node in the first element of the group."""
@@ -27,12 +27,12 @@ def element_sweep(
     """Return functions that apply the formula to the elements of a group e.
 
     The first one, (geometry, a, x, e), loads winds that all fields share if `shared`. The second
-    one, (geometry, a, x, at, k, e, n, out, done), then applies the formula at the offset `at` of x
-    and stores the k-th field of `out`; n is unused. `finish` stores inner nodes in `done`.
+    one, (geometry, a, x, at, k, e, n, out, direct), then applies the formula at the offset `at` of
+    x and stores the k-th field of `out`; n is unused. `finish` stores inner nodes in `direct`.
     """
     (d1, d2), store = line_sums(t.np, f.rows), _store(f, finish)
-    scalar, turns, to_edges = f.is_scalar, f.turns, f.to_edges
-    kind, kept, wind, operands, result = f.rows, f.winds, f.wind, f.operands, f.result
+    scalar, needs_winds, edges_only = f.is_scalar, f.needs_winds, f.edges_only
+    kind, kept, wind, operands, result = f.rows, f.winds, f.load_winds, f.operands, f.result
     at_1, at_2, at_winds = scratch(t, kind, kind, kept)
 
     @func
@@ -46,16 +46,17 @@ def element_sweep(
     @func
     def finish_node(
         geo: geometry, x: vector, winds: wp.array2d(dtype=kept), f1: wp.array2d(dtype=kind),
-        f2: wp.array2d(dtype=kind), k: int, e: int, i: int, j: int, out: local, done: done,
+        f2: wp.array2d(dtype=kind), k: int, e: int, i: int, j: int, out: local, direct: output,
     ):  # fmt: skip
         s1 = d1(geo.derivative, f1, i, j)
         s2 = d2(geo.derivative, f2, i, j)
-        store(geo, x, result(geo, winds[i, j], s1, s2, e, i * np_ + j), k, e, i, j, out, done)
+        store(geo, x, result(geo, winds[i, j], s1, s2, e, i * np_ + j), k, e, i, j, out, direct)
 
     @func
     def sweep(
-        geo: geometry, a: vector, x: vector, at: int, k: int, e: int, n: int, out: local, done: done
-    ):
+        geo: geometry, a: vector, x: vector, at: int, k: int, e: int, n: int, out: local,
+        direct: output,
+    ):  # fmt: skip
         f1 = wp.array(ptr=geo.work + at_1, shape=(np_, np_), dtype=kind)
         f2 = f1
         if wp.static(not scalar):
@@ -68,7 +69,7 @@ def element_sweep(
                     w = winds[i, j]
                 else:
                     w = wind(geo, a, x, e, at_node)
-                if wp.static(turns):
+                if wp.static(needs_winds):
                     winds[i, j] = w
                 r1, r2 = operands(geo, w, a, x, at, e, at_node)
                 f1[i, j] = r1
@@ -77,27 +78,28 @@ def element_sweep(
         for i in range(np_):
             for j in range(np_):
                 # Warp turns a `continue` into a guard of every later node, which slows all steps
-                if wp.static(not to_edges):  # noqa: SIM114
-                    finish_node(geo, x, winds, f1, f2, k, e, i, j, out, done)
+                if wp.static(not edges_only):  # noqa: SIM114
+                    finish_node(geo, x, winds, f1, f2, k, e, i, j, out, direct)
                 elif i == 0 or i == np_ - 1 or j == 0 or j == np_ - 1:
-                    finish_node(geo, x, winds, f1, f2, k, e, i, j, out, done)
+                    finish_node(geo, x, winds, f1, f2, k, e, i, j, out, direct)
 
     return load_winds, sweep
 
 
 def _store(f: Formula, finish: Finish) -> Any:
-    """Return the function (geometry, x, result, k, e, i, j, out, done) that stores fields."""
+    """Return the function (geometry, x, result, k, e, i, j, out, direct) that stores fields."""
     kind, keep = rows(f.fields), keep_fields(f.fields)
 
     @func
     def store(
-        geo: geometry, x: vector, r: kind, k: int, e: int, i: int, j: int, out: local, done: done
-    ):
+        geo: geometry, x: vector, r: kind, k: int, e: int, i: int, j: int, out: local,
+        direct: output,
+    ):  # fmt: skip
         n = i * np_ + j
         if wp.static(finish is None):
             keep(r, e, n, k, out)
         elif e < geo.block_groups and i > 0 and i < np_ - 1 and j > 0 and j < np_ - 1:
-            finish(geo, x, r, k, ~geo.nodes[e, n][0], done)
+            finish(geo, x, r, k, ~geo.nodes[e, n][0], direct)
         else:
             keep(r, e, n, k, out)
 
@@ -119,7 +121,7 @@ def keep_fields(fields: int) -> Any:
 
 
 def element_diffusion(t: KernelTypes, finish_of: Any = None) -> Any:
-    """Return the function (geometry, x, e, n, out, done) for weak Laplacians in a group e.
+    """Return the function (geometry, x, e, n, out, direct) for weak Laplacians in a group e.
 
     finish_of: function from a number of fields to their `Finish`. n is unused.
     """
@@ -128,23 +130,23 @@ def element_diffusion(t: KernelTypes, finish_of: Any = None) -> Any:
     of_wind = last and _laplacian(t, diffusion(t.terms, False, True), 0, finish_of and finish_of(2))
 
     @func
-    def diffuse(geo: geometry, x: vector, e: int, n: int, out: local, done: done):
-        of_height(geo, x, e, out, done)
+    def diffuse(geo: geometry, x: vector, e: int, n: int, out: local, direct: output):
+        of_height(geo, x, e, out, direct)
         if wp.static(last > 0):  # one by one, so that the first-level cache suffices
-            of_wind(geo, x, e, out, done)
+            of_wind(geo, x, e, out, direct)
 
     return diffuse
 
 
 def _laplacian(t: KernelTypes, f: Formula, first: int, finish: Finish) -> Any:
-    """Return the function (geometry, x, e, out, done) for the fields from `first` on."""
+    """Return the function (geometry, x, e, out, direct) for the fields from `first` on."""
     kind, store, scalar, order = f.rows, _store(f, finish), f.is_scalar, t.np
-    wind, operands, fluxes, result = f.wind, f.operands, f.fluxes, f.result
+    load_winds, operands, fluxes, result = f.load_winds, f.operands, f.fluxes, f.result
     (d1, d2), (t1, t2) = line_sums(order, kind), line_sums(order, kind, transposed=True)
     at_1, at_2, at_3, at_4 = scratch(t, kind, kind, kind, kind)
 
     @func
-    def laplacian(geo: geometry, x: vector, e: int, out: local, done: done):
+    def laplacian(geo: geometry, x: vector, e: int, out: local, direct: output):
         f1 = wp.array(ptr=geo.work + at_1, shape=(np_, np_), dtype=kind)
         f2 = f1
         if wp.static(not scalar):
@@ -154,7 +156,7 @@ def _laplacian(t: KernelTypes, f: Formula, first: int, finish: Finish) -> Any:
         for i in range(np_):
             for j in range(np_):
                 n = i * np_ + j
-                r1, r2 = operands(geo, wind(geo, x, x, e, n), x, x, 0, e, n)
+                r1, r2 = operands(geo, load_winds(geo, x, x, e, n), x, x, 0, e, n)
                 f1[i, j] = r1
                 if wp.static(not scalar):
                     f2[i, j] = r2
@@ -170,7 +172,7 @@ def _laplacian(t: KernelTypes, f: Formula, first: int, finish: Finish) -> Any:
                 s1 = t1(geo.derivative, g1, i, j)
                 s2 = t2(geo.derivative, g2, i, j)
                 r = result(geo, s1, s2, e, i * np_ + j, out)
-                store(geo, x, r, first, e, i, j, out, done)
+                store(geo, x, r, first, e, i, j, out, direct)
 
     return laplacian
 

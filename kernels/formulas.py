@@ -24,7 +24,7 @@ class Formula:
 
     winds: Any
     """Type of the winds at a node: rows of winds, or one row of zeros if the formula needs none."""
-    wind: Any
+    load_winds: Any
     """Function (geometry, a, x, e, n) that returns the `winds`."""
     rows: Any
     """Type of the rows that are differentiated."""
@@ -36,9 +36,9 @@ class Formula:
     fields: int
     is_scalar: bool = False
     """True if the same rows are differentiated along both coordinates."""
-    turns: bool = False
+    needs_winds: bool = False
     """True if the result needs the winds."""
-    to_edges: bool = False
+    edges_only: bool = False
     """True if only results at the edges of elements are used."""
     fluxes: Any = None
     """Function (geometry, d1, d2, e, n) of a weak Laplacian that returns two `rows` for the
@@ -49,11 +49,11 @@ single, pair = rows(1), rows(2)
 
 
 def winds_at(own: bool, base: bool) -> tuple[Any, Any]:
-    """Return `winds` and `wind` of a formula: two rows of x if `own`, then two of a if `base`."""
+    """Return `winds` and `load_winds` of a formula: two rows of x if `own`, two of a if `base`."""
     winds, first = rows(max(1, 2 * (own + base))), 2 * own
 
     @func
-    def wind(geo: geometry, a: vector, x: vector, e: int, n: int):
+    def load_winds(geo: geometry, a: vector, x: vector, e: int, n: int):
         w = winds()
         node = geo.nodes[e, n]
         if wp.static(own):
@@ -64,7 +64,7 @@ def winds_at(own: bool, base: bool) -> tuple[Any, Any]:
             w[first + 1] = load_nodes(a, geo.size, node)
         return w
 
-    return winds, wind
+    return winds, load_winds
 
 
 none, no_wind = winds_at(own=False, base=False)

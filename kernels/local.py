@@ -15,17 +15,17 @@ from swe_sphere.kernels.dynamics import skew, tangent, transport, vector_invaria
 from swe_sphere.kernels.element import Finish, element_diffusion, element_sweep
 from swe_sphere.kernels.formulas import Formula
 from swe_sphere.kernels.node import node_diffusion, node_sweep
-from swe_sphere.kernels.terms import KernelTypes, Terms, done, geometry, local
+from swe_sphere.kernels.terms import KernelTypes, Terms, geometry, local, output
 
 
 @functools.cache
 def tendency_kernels(t: KernelTypes, finish_of: Any = finish_rates) -> list[Any]:
-    """Return the kernel (begin, geometry, x (unknowns*N,), out, done (unknowns*N,)) of `t.terms`.
+    """Return the kernel (begin, geometry, x (unknowns*N,), out, direct (unknowns*N,)) of `t.terms`.
 
     The kernel handles the groups of elements from `begin` on. With diffusion in the shape "node",
     the kernel (geometry, x), which fills `geometry.fluxes`, precedes it in the list and runs over
     the same threads. If `t` has pointwise terms, the tendencies at nodes inside the first
-    `block_groups` groups are stored in `done`, as after DSS. finish_of: function from t and a
+    `block_groups` groups are stored in `direct`, as after DSS. finish_of: function from t and a
     number of fields to the `Finish` of these nodes.
     """
     terms, formula, by_node = t.terms, _formula(t.terms), t.shape == "node"
@@ -46,53 +46,53 @@ def tendency_kernels(t: KernelTypes, finish_of: Any = finish_rates) -> list[Any]
             return x
 
     @func
-    def add_terms(geo: geometry, x: vector, e: int, n: int, out: local, done: done):
+    def add_terms(geo: geometry, x: vector, e: int, n: int, out: local, direct: output):
         if wp.static(terms.dynamics and not by_node):
             load_winds(geo, source(geo, x), x, e)
         if wp.static(terms.dynamics):
-            sweep(geo, source(geo, x), x, 0, 0, e, n, out, done)
+            sweep(geo, source(geo, x), x, 0, 0, e, n, out, direct)
         if wp.static(terms.diffuses):
-            diffuse(geo, x, e, n, out, done)
+            diffuse(geo, x, e, n, out, direct)
 
     # two kernels, because a thread index in two dimensions costs two divisions per element
     @kernel
-    def tendency_of_groups(begin: int, geo: geometry, x: vector, out: local, done: done):
-        add_terms(geo, x, begin + wp.tid(), 0, out, done)
+    def tendency_of_groups(begin: int, geo: geometry, x: vector, out: local, direct: output):
+        add_terms(geo, x, begin + wp.tid(), 0, out, direct)
 
     @kernel
-    def tendency(begin: int, geo: geometry, x: vector, out: local, done: done):
+    def tendency(begin: int, geo: geometry, x: vector, out: local, direct: output):
         e, n = wp.tid()
-        add_terms(geo, x, begin + e, n, out, done)
+        add_terms(geo, x, begin + e, n, out, direct)
 
     return [specialise(made, t) for made in (*fluxes, tendency if by_node else tendency_of_groups)]
 
 
 @functools.cache
 def field_kernel(t: KernelTypes, formula: Formula, finish: Finish = None) -> Any:
-    """Return the kernel (begin, geometry, a, x, first, count, out, done) of a formula.
+    """Return the kernel (begin, geometry, a, x, first, count, out, direct) of a formula.
 
     The kernel handles the groups of elements from `begin` on, and `count` fields of x from the
-    offset `first` on; only `finish` uses `done`. Shape "node" has (E, count, np*np) threads.
+    offset `first` on; only `finish` uses `direct`. Shape "node" has (E, count, np*np) threads.
     """
     by_node, (load_winds, sweep) = t.shape == "node", _sweep(t, formula, finish, shared=True)
 
     @kernel
     def over_fields_of_groups(
         begin: int, geo: geometry, a: vector, x: vector, first: int, count: int, out: local,
-        done: done,
+        direct: output,
     ):  # fmt: skip
         e = begin + wp.tid()
         load_winds(geo, a, x, e)
         for k in range(count):
-            sweep(geo, a, x, first + k * geo.size, k, e, 0, out, done)
+            sweep(geo, a, x, first + k * geo.size, k, e, 0, out, direct)
 
     @kernel
     def over_fields(
         begin: int, geo: geometry, a: vector, x: vector, first: int, count: int, out: local,
-        done: done,
+        direct: output,
     ):  # fmt: skip
         e, k, n = wp.tid()
-        sweep(geo, a, x, first + k * geo.size, k, begin + e, n, out, done)
+        sweep(geo, a, x, first + k * geo.size, k, begin + e, n, out, direct)
 
     return specialise(over_fields if by_node else over_fields_of_groups, t)
 

@@ -14,25 +14,27 @@ from swe_sphere.kernels.diffusion import diffusion
 from swe_sphere.kernels.element import keep_fields
 from swe_sphere.kernels.formulas import Formula
 from swe_sphere.kernels.simd.shared_lines import shared_lines
-from swe_sphere.kernels.terms import KernelTypes, done, geometry, local, np_
+from swe_sphere.kernels.terms import KernelTypes, geometry, local, np_, output
 
 
 def node_sweep(t: KernelTypes, f: Formula) -> Any:
-    """Return the function (geometry, a, x, at, k, e, n, out, done) of a formula at an element node.
+    """Return the function (geometry, a, x, at, k, e, n, out, direct) of a formula at a node.
 
-    The function reads the offset `at` of x and stores the k-th field of `out`; `done` is unused.
+    The function reads the offset `at` of x and stores the k-th field of `out`; `direct` is unused.
     """
     derivatives, keep = _derivatives(t.np, f), keep_fields(f.fields)
-    winds, wind, result, turns = f.winds, f.wind, f.result, f.turns
+    winds, load_winds, result = f.winds, f.load_winds, f.result
+    needs_winds = f.needs_winds
 
     @func
     def sweep(
-        geo: geometry, a: vector, x: vector, at: int, k: int, e: int, n: int, out: local, done: done
-    ):
+        geo: geometry, a: vector, x: vector, at: int, k: int, e: int, n: int, out: local,
+        direct: output,
+    ):  # fmt: skip
         s1, s2 = derivatives(geo, a, x, at, e, n)
         w = winds()
-        if wp.static(turns):
-            w = wind(geo, a, x, e, n)
+        if wp.static(needs_winds):
+            w = load_winds(geo, a, x, e, n)
         keep(result(geo, w, s1, s2, e, n), e, n, k, out)
 
     return sweep
@@ -40,11 +42,11 @@ def node_sweep(t: KernelTypes, f: Formula) -> Any:
 
 def _derivatives(order: int, f: Formula) -> Any:
     """Return the function (geometry, a, x, at, e, n) for the derivatives along each coordinate."""
-    operands, wind = f.operands, f.wind
+    operands, load_winds = f.operands, f.load_winds
 
     @func
     def at_node(geo: geometry, a: vector, x: vector, at: int, e: int, n: int):
-        return operands(geo, wind(geo, a, x, e, n), a, x, at, e, n)
+        return operands(geo, load_winds(geo, a, x, e, n), a, x, at, e, n)
 
     return _line_sums(order, f.rows, "points", at_node, transposed=False)
 
@@ -76,7 +78,7 @@ def node_diffusion(t: KernelTypes) -> tuple[Any, Any]:
 
     The kernel (geometry, x) stores in `geometry.fluxes` (E, np*np, 2 or 4) the two contravariant
     fluxes of the height and, if the wind diffuses, W div V and W curl V with the GLL weights W. The
-    function (geometry, x, e, n, out, done) then computes their weak divergence.
+    function (geometry, x, e, n, out, direct) then computes their weak divergence.
     """
     moves = t.terms.unknowns == 3
     formula = diffusion(t.terms, height=True, wind=moves)
@@ -109,7 +111,7 @@ def node_diffusion(t: KernelTypes) -> tuple[Any, Any]:
     line_sums = _line_sums(t.np, rows, "fluxes", fluxes, transposed=True)
 
     @func
-    def diffuse(geo: geometry, x: vector, e: int, n: int, out: local, done: done):
+    def diffuse(geo: geometry, x: vector, e: int, n: int, out: local, direct: output):
         t1, t2 = line_sums(geo, x, x, 0, e, n)
         keep(result(geo, t1, t2, e, n, out), e, n, 0, out)
 

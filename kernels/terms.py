@@ -146,7 +146,7 @@ given: Any = Name(lambda t: t.given, of_elements=True)
 """Number type of state vectors.  These four names are the members of `KernelTypes` in kernels."""
 state_vector: Any = Name(lambda t: wp.array(dtype=t.given), of_elements=True)
 """Array type of a state vector."""
-done: Any = Name(
+output: Any = Name(
     lambda t: levels_struct(t.real) if t.steps else wp.array(dtype=t.real), of_elements=True
 )
 """Type of the argument that receives results finished without DSS."""

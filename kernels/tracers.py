@@ -8,7 +8,7 @@ per tracer; the kernels run over (tracers, N) threads.
 
 import warp as wp
 
-from swe_sphere.kernels.assembly import leave_one
+from swe_sphere.kernels.assembly import store_stage_of_field
 from swe_sphere.kernels.define import kernel, real, value, vector
 from swe_sphere.kernels.formulas import single
 from swe_sphere.kernels.metric import contravariant_flux, jacobian
@@ -75,8 +75,8 @@ def mass_flux(wind: vector, x: vector, depth: int, size: int, first: int, s: sta
     """Apply the stage s to the mass flux h (u, v) of wind[:2N] and x[depth:], into out[first:]."""
     node = wp.tid()
     h = x[depth + node]
-    leave_one(s, first + node, 0, single(h * wind[node]), out)
-    leave_one(s, first + size + node, 0, single(h * wind[size + node]), out)
+    store_stage_of_field(s, first + node, 0, single(h * wind[node]), out)
+    store_stage_of_field(s, first + size + node, 0, single(h * wind[size + node]), out)
 
 
 @kernel

@@ -64,15 +64,15 @@ class Code:
 
     @property
     def stores(self) -> int:
-        """Stores, of which `leave` makes one a field."""
+        """Stores, of which `store_stage` makes one a field."""
         fields = [int(number) for number in re.findall(r"f < (\d+); \+\+f", self.text)]
-        return self.count("array_store", "put") + self.count("leave") * max(fields, default=0)
+        return self.count("array_store", "put") + self.count("store_stage") * max(fields, default=0)
 
     @property
     def branches(self) -> int:
         """Conditions but ends of loops, those of DSS, which nodes need it, and what is a stage."""
         of_warp = r"_store\w+\(.*?^\}"
-        of_ours = r"(_gather|_load_nodes|leave_of)\w+\(.*?^    \}"
+        of_ours = r"(_gather|_load_nodes|stage_store)\w+\(.*?^    \}"
         own = rf"^static [^\n]* ({of_warp}|{of_ours})"
         text = re.sub(own, "", self.text, flags=re.M | re.S)
         conditions = re.findall(r"\bif \((?!.*\) goto end_for_)", text)

@@ -51,16 +51,16 @@ triple: Any = Name(lambda of: wp.types.vector(3, of.real))
 
 
 @functools.cache
-def leave_of(fields: int) -> Any:
+def stage_store(fields: int) -> Any:
     """Return the device function (stage, at, size, rates, out): out[at] = start[at] + tau rate.
 
     If the stage is not `on`, out[at] = rate. The fields are `size` apart.
     """
 
-    @Register.func_native(source("leave", fields=fields))
-    def leave(s: stage, at: int, size: int, rates: rows(fields), out: vector): ...
+    @Register.func_native(source("store_stage", fields=fields))
+    def store_stage(s: stage, at: int, size: int, rates: rows(fields), out: vector): ...
 
-    return leave
+    return store_stage
 
 
 @functools.cache

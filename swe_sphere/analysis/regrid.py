@@ -19,7 +19,7 @@ import xarray as xr
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, shown, unknown_name
 from swe_sphere.files.durable import building, check_free, translate_errors
-from swe_sphere.io.growing import check_zarr
+from swe_sphere.io.growing import check_place, check_zarr
 from swe_sphere.io.layout import SERIES, TOPOLOGY, VARIABLES, history
 from swe_sphere.io.runfile import RunFile, engine, read_values
 from swe_sphere.mesh import Interpolator
@@ -194,6 +194,7 @@ def regrid_file(
     check_free(out, overwrite)
     if ending == ".zarr":
         check_zarr(out)
+    check_place(out)
     with (
         xr.open_dataset(path, engine=engine(path), decode_times=False) as data,
         translate_errors(f"cannot write {out}"),

@@ -67,6 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     token = command_began.set(time.monotonic() - (process_age() if arguments is None else 0.0))
     arguments = sys.argv[1:] if arguments is None else arguments
     open_streams()
+    os.environ["MPLBACKEND"] = "agg"  # pictures are files
     try:
         with print_lines(), on_compile(lambda: LOGGER.info(COMPILING)):
             status = _status(arguments)

@@ -22,6 +22,8 @@ PART, OLD = ".part", ".old"
 """Suffixes of the names of files and folders in construction, and of replaced folders."""
 SHOWN = 40
 """Number of characters of a path's name in its temporary names."""
+OF_THE_DISK = {errno.ENOSPC, errno.EDQUOT, errno.EIO}
+"""Errors that are no fault of the request."""
 PATIENCE = 0.2
 """Time for which a program waits for others that claim the same file [s]."""
 
@@ -168,11 +170,14 @@ def _create(path: Path, folder: bool = False, tries: int = 5) -> tuple[int, Path
 @contextmanager
 def building(path: Path) -> Iterator[Path]:
     """Yield a name in a temporary folder; what the block builds there is renamed at the end."""
+    path = path.resolve() if path.is_symlink() else path
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise ConfigError(f"cannot write {path}: it is not a file")
     _remove_unfinished(path)
     file, place = _create(path, folder=True)  # libraries lock the file itself, or replace it
     try:
+        if path.exists():
+            release(_locked(path, os.O_RDONLY, path))
         yield (part := place / path.name)
         take_place(part, path)
     finally:
@@ -238,9 +243,13 @@ def allocate(file: int, path: Path, size: int) -> None:
 def translate_errors(
     what: str, kind: type[SweError] = ConfigError, after: str = ""
 ) -> Iterator[None]:
-    """Convert errors of the system or netCDF in the block to a `kind`: "what: reason" + after."""
+    """Convert errors of the system or netCDF in the block to a `kind`: "what: reason" + after.
+
+    A disk that is full or fails raises RunFailed in any case.
+    """
     try:
         yield
     except (OSError, RuntimeError) as error:
         text = getattr(error, "strerror", None) or str(error)
+        kind = RunFailed if getattr(error, "errno", None) in OF_THE_DISK else kind
         raise kind(f"{what}: {text}{after}") from error

@@ -35,7 +35,8 @@ LABELS = 14.0
 
 def limits(values: Array, kind: FieldStyle) -> tuple[float, float]:
     """Return both ends of the colour scale: symmetric for a diverging field, and never equal."""
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    found = values[np.isfinite(values)]
+    low, high = (float(found.min()), float(found.max())) if found.size else (0.0, 0.0)
     if kind.diverging:
         low, high = -max(-low, high), max(-low, high)
     spread = max(high - low, FLAT * max(abs(low), abs(high)), np.finfo(float).tiny * 1e10)
@@ -51,7 +52,7 @@ def contours(
     levels = np.asarray(most.tick_values(*ends), dtype=np.float64)
     interval = float(levels[1] - levels[0])
     found = values[np.isfinite(values)]
-    if np.ptp(found) <= 2.0 * FLAT * np.abs(found).max():
+    if not found.size or np.ptp(found) <= 2.0 * FLAT * np.abs(found).max():
         return levels[:0], interval
     kept = drawable(levels, found)
     return kept[np.abs(kept) > 1e-6 * interval] if kind.diverging else kept, interval

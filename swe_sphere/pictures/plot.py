@@ -150,19 +150,19 @@ class Film(FuncAnimation):
     @classmethod
     def of(cls, source: Nodal, field: str, look: Look, rate: Any) -> Self:
         """Return the film of all frames of a source with one colour scale; rate: per second."""
-        if not (isinstance(rate, (int, float, np.number)) and 0.1 <= rate <= 120.0):
-            raise ConfigError(f"rate must be 0.1 to 120 frames a second, got {shown(rate)}")
+        _check_rate(rate, 120.0)
         if source.times.size < 2:
             raise ConfigError(f"{source.path} has fewer than two frames: run with a smaller every")
         figure = new_figure()
         axes = new_map(figure, look)
         figure.set_size_inches(*size(axes))
         drawing = Drawing(source, field, look, grid_of(axes, FILM_ROWS))
-        ends = np.array([limits(drawing.values(time), drawing.kind) for time in source.times])
+        frames = (drawing.values(time) for time in source.times)
+        ends = [limits(x, drawing.kind) for x in frames if np.isfinite(x).any()] or [(0.0, 1.0)]
 
         def draw(time: float) -> None:
             figure.clear()
-            drawing.draw(new_map(figure, look), time, (ends.min(), ends.max()))
+            drawing.draw(new_map(figure, look), time, (np.min(ends), np.max(ends)))
 
         return cls(figure, draw, source.times, interval=1e3 / rate, cache_frame_data=False)
 
@@ -170,12 +170,18 @@ class Film(FuncAnimation):
         return str(self.to_jshtml(default_mode="loop"))
 
 
+def _check_rate(rate: Any, most: float) -> None:
+    if not (isinstance(rate, (int, float, np.number)) and 0.1 <= rate <= most):
+        raise ConfigError(f"rate must be 0.1 to {most:g} frames a second, got {shown(rate)}")
+
+
 def _film_writer(out: Path, rate: Any) -> PillowWriter | FFMpegWriter:
     """Return the writer of a film; for .mp4 it sets the path of the encoder in matplotlib."""
     if out.suffix.lower() not in (".mp4", ".gif"):
         raise ConfigError(f"cannot draw {out}: give a name ending in .mp4 or .gif")
     if out.suffix.lower() == ".gif":
-        return PillowWriter(fps=rate)
+        _check_rate(rate, 50.0)
+        return PillowWriter(fps=100.0 / round(100.0 / rate))  # hundredths of a second a frame
     try:
         import imageio_ffmpeg
     except ImportError:

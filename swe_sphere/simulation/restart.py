@@ -7,7 +7,7 @@ import math
 import os
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,7 +76,7 @@ def check_paths(config: RunConfig) -> None:
         if path is None:
             continue
         from swe_sphere.io.checkpoint import checkpoint_path
-        from swe_sphere.io.growing import SUFFIX, is_store
+        from swe_sphere.io.growing import check_place
 
         if path.resolve() in seen:
             raise ConfigError(f"{name}: {path} would be written twice: choose another name")
@@ -87,8 +87,10 @@ def check_paths(config: RunConfig) -> None:
             raise ConfigError(
                 f"{name}: {shown(path.name)} is too long: take at most {LONGEST_NAME} bytes"
             )
-        if path.is_dir() and not (path.suffix.lower() == SUFFIX and is_store(path)):
-            raise ConfigError(f"{name}: {path} is a folder: give the name of a file in it")
+        try:
+            check_place(path)
+        except ConfigError as error:
+            raise ConfigError(f"{name}: {error}") from None
         if not path.parent.is_dir():
             raise ConfigError(f"{name}: there is no folder {path.parent}: make it first")
         target = path if path.exists() else path.parent
@@ -175,6 +177,9 @@ class Restart:
         ):
             if ours != theirs:
                 check_trusted(theirs, self.path, config.trust)
+        if "outputs" not in config.model_fields_set:
+            outputs = tuple(replace(each, path=self._beside(each.path)) for each in merged.outputs)
+            merged = merged.model_copy(update={"outputs": outputs})
         if "diagnostics" not in config.model_fields_set:
             before = self.table("identity").get("sources")
             for file in merged.diagnostics:
@@ -187,6 +192,16 @@ class Restart:
                         f" (--diagnostics {file})"
                     )
         return merged
+
+    def _beside(self, path: Path) -> Path:
+        """Return the path of a further file: that beside the run's file if both were moved."""
+        from swe_sphere.io.runfile import RunFile
+
+        beside = self.path.absolute().with_name(path.name)
+        with suppress(ConfigError):
+            if RunFile(beside).attributes["run_id"] == self.attributes["run_id"]:
+                return beside
+        return path
 
     def check(self, identity: dict[str, object]) -> None:
         """Raise ConfigError with the first difference between a run and the earlier one."""

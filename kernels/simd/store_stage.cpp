@@ -1,4 +1,4 @@
-// Body of leave in stages.py, of $fields fields.
+// Body of store_stage in stages.py, of $fields fields.
 for (int f = 0; f < $fields; ++f, at += size) {
     run r = runs(&rates)[f];
     if (s.on) {
