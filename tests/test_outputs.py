@@ -1,6 +1,7 @@
 """Further files of a run, each with its fields, times and grid, also when the run resumes."""
 
 import re
+import shutil
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -278,3 +279,62 @@ def test_the_initial_file_is_not_replaced(tmp_path):
     with pytest.raises(ConfigError, match="is a file that the run reads"):
         sim.run(days=0.25, outputs=[Output(tmp_path / "first.nc")], overwrite=True)
     assert (tmp_path / "first.nc").read_bytes() == before
+
+
+def test_further_files_that_were_moved_with_a_run_are_continued(swe, tmp_path, monkeypatch):
+    """Those beside the file that is resumed; those of a copied folder stay as they are."""
+    old, new = tmp_path / "old", tmp_path / "new"
+    old.mkdir()
+    (old / "run.toml").write_text(TABLES)
+    monkeypatch.chdir(old)
+    run = "run", "williamson6", "--ne", 2, "--np", 4, "--out", "run.nc"
+    assert swe(*run, "--config", "run.toml")[0] == 0
+    shutil.copytree(old, new)
+    monkeypatch.chdir(new)
+    assert swe(*run, "--restart", "run.nc", "--days", 0.75)[0] == 0
+    assert hours(new / "wind.nc") == [1.5 * k for k in range(13)]
+    assert hours(new / "depth.zarr") == [0, 6, 12, 18]
+    assert len(hours(old / "wind.nc")) == 9 and hours(old / "depth.zarr") == [0, 6, 12]
+    shutil.copy(old / "wind.nc", new / "wind.nc")
+    with pytest.warns(UserWarning, match=r"wind\.nc lacks the frames before day 0\.75"):
+        Simulation.from_checkpoint(new / "run.nc").run(days=1, out=new / "run.nc")
+
+
+@pytest.mark.skipif(find_spec("zarr") is None, reason="zarr is not installed")
+def test_a_store_with_foreign_files_is_not_replaced(swe, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run = "run", "williamson6", "--ne", 2, "--np", 4, "--days", 0.25, "--out", "run.zarr"
+    assert swe(*run)[0] == 0
+    notes = tmp_path / "run.zarr" / "notes.txt"
+    notes.write_text("precious")
+    for more in (("--restart", "run.zarr", "--days", 0.5), ("--overwrite",)):
+        status, _, err = swe(*run, *more)
+        assert status == 2 and "run.zarr contains notes.txt" in err
+    status, _, err = swe(*run[:-1], "run.zarr/inner.nc")
+    assert status == 2 and "run.zarr is a Zarr store" in err
+    regrid = "regrid", "run.zarr", "--grid", "latlon:7x12", "--overwrite", "--out"
+    (tmp_path / "folder.zarr").mkdir()
+    (tmp_path / "folder.zarr" / "thesis.txt").write_text("precious")
+    status, _, err = swe(*regrid, "folder.zarr")
+    assert status == 2 and "folder.zarr is a folder" in err
+    assert notes.exists() and (tmp_path / "folder.zarr" / "thesis.txt").exists()
+    notes.unlink()
+    assert swe(*run, "--restart", "run.zarr", "--days", 0.5)[0] == 0
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "grid.zarr").symlink_to("kept/grid.zarr")
+    assert swe(*regrid, "grid.zarr")[0] == 0 and swe(*regrid, "grid.zarr")[0] == 0
+    assert (tmp_path / "grid.zarr").is_symlink()
+    assert [path.name for path in (tmp_path / "kept").iterdir()] == ["grid.zarr"]
+
+
+def test_a_file_that_a_run_writes_is_not_replaced_by_its_regridded_frames(swe, tmp_path):
+    first, live = tmp_path / "first.nc", tmp_path / "live.nc"
+    simulation().run(days=0.25, out=first)
+    found = []
+
+    def regrid(sim):
+        found.append(swe("regrid", first, "--grid", "latlon:7x12", "--out", live, "--overwrite"))
+
+    simulation().run(days=0.25, out=live, callbacks=[every(hours=6)(regrid)])
+    assert found and all(status == 2 and "another program" in err for status, _, err in found)
+    assert hours(live) == [0, 6]

@@ -486,11 +486,31 @@ def test_fields_of_ones_own_are_drawn_and_compared_with_their_units(tmp_path, mo
             draw()
 
 
+def test_frames_without_values_are_drawn(tmp_path, monkeypatch):
+    monkeypatch.setattr(plot, "FILM_ROWS", 31)
+    monkeypatch.setattr(plot, "FILM_DOTS_PER_INCH", 40)
+    mesh, path = Mesh.build(2, 4), tmp_path / "own.nc"
+    fields = dict.fromkeys(("h", "u", "v", "vorticity", "divergence"), np.ones(mesh.size))
+    about = {"pv": {"long_name": "potential vorticity", "units": "m-1 s-1"}}
+    with FrameWriter(path, mesh, {}, about=about, user_fields={"pv": mesh.lat}) as writer:
+        for time, value in ((0.0, np.nan), (60.0, 5.0), (120.0, 6.0)):
+            writer.write(time, fields | {"pv": value + 0.0 * mesh.lat})
+    film = plot.animate_file(path, "pv", tmp_path / "pv.gif", rate=30.0)
+    with Image.open(film) as found:
+        assert found.info["duration"] == 30  # the nearest hundredths of a second
+    assert plot_file(path, "pv", 0.0, tmp_path / "pv.png").stat().st_size > 10_000
+    film = plot.Film.of(RunFile(path), "pv", Look(), 8.0)
+    film._draw_frame(120.0)
+    (image,) = film._fig.axes[0].get_images()
+    assert image.get_clim() == pytest.approx((5.0, 6.0))
+
+
 def test_films_that_cannot_be_made(run, tmp_path):
     for arguments, reason in (
         ({"out": tmp_path / "film.avi"}, "ending in .mp4 or .gif"),
         ({"out": tmp_path / "film.gif", "rate": 0.0}, "frames a second, got 0.0"),
         ({"out": tmp_path / "film.GIF", "rate": "8"}, "frames a second, got '8'"),
+        ({"out": tmp_path / "film.gif", "rate": 60.0}, r"0\.1 to 50 frames a second, got 60"),
         ({"field": "heat", "out": tmp_path / "film.gif"}, "unknown field"),
     ):
         with pytest.raises(ConfigError, match=reason):

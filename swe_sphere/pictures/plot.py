@@ -181,7 +181,8 @@ def _film_writer(out: Path, rate: Any) -> PillowWriter | FFMpegWriter:
         raise ConfigError(f"cannot draw {out}: give a name ending in .mp4 or .gif")
     if out.suffix.lower() == ".gif":
         _check_rate(rate, 50.0)
-        return PillowWriter(fps=100.0 / round(100.0 / rate))  # hundredths of a second a frame
+        hundredths = round(100.0 / rate)  # of a second a frame; the writer truncates milliseconds
+        return PillowWriter(fps=1e3 / (10.0 * hundredths + 0.5))
     try:
         import imageio_ffmpeg
     except ImportError:
