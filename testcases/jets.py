@@ -12,18 +12,11 @@ from swe_sphere.equations.effects import Hyperviscosity, Orography, Relaxation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, EARTH
-from swe_sphere.testcases.flows import (
-    ROTATING,
-    ZonalJet,
-    build_scene,
-    solid_body,
-    tilted_latitude,
-    wrapped,
-)
+from swe_sphere.testcases import flows
 from swe_sphere.testcases.harmonics import BalancedFlow, random_streamfunction
 from swe_sphere.testcases.williamson import SPEED
 
-JET = ZonalJet(speed=80.0, south=np.pi / 7.0, north=np.pi / 2.0 - np.pi / 7.0)
+JET = flows.ZonalJet(speed=80.0, south=np.pi / 7.0, north=np.pi / 2.0 - np.pi / 7.0)
 """The jet at 45°N of Galewsky et al. (2004), eq. 2."""
 
 
@@ -63,14 +56,13 @@ def galewsky(
             u, v, depth = u + du, v + dv, depth + dh
         return u, v, depth + bump(lon, lat) if perturbed else depth
 
-    return build_scene(
-        "galewsky", effects=ROTATING, initial=initial, exact=None if perturbed or seed else flow
-    )
+    exact = None if perturbed or seed else flow
+    return flows.build_scene("galewsky", effects=flows.ROTATING, initial=initial, exact=exact)
 
 
 def bump(lon: Array, lat: Array) -> Array:
     """Return the initial perturbation of the depth [m] (Galewsky et al. 2004, eq. 4)."""
-    across = np.exp(-((3.0 * wrapped(lon)) ** 2))
+    across = np.exp(-((3.0 * flows.wrapped(lon)) ** 2))
     h: Array = 120.0 * np.cos(lat) * across * np.exp(-((15.0 * (np.pi / 4.0 - lat)) ** 2))
     return h
 
@@ -96,9 +88,10 @@ def relaxed_jet(time: float = 10.0, perturbed: bool = True) -> Scene:
     if not 0.0 < time < np.inf:
         raise ConfigError(f"relaxed-jet: time must be positive and finite, got {time}")
     steady = galewsky(perturbed=False).initial
-    return build_scene(
-        "relaxed-jet", effects=(*ROTATING, Relaxation(time * DAY), Hyperviscosity(factor=30.0)),
-        initial=galewsky(perturbed).initial, equilibrium=lambda lon, lat: steady(lon, lat)[2],
+    return flows.build_scene(
+        "relaxed-jet", initial=galewsky(perturbed).initial,
+        effects=(*flows.ROTATING, Relaxation(time * DAY), Hyperviscosity(factor=30.0)),
+        equilibrium=lambda lon, lat: steady(lon, lat)[2],
     )  # fmt: skip
 
 
@@ -128,11 +121,12 @@ def lauter(alpha: float = np.pi / 4.0) -> Scene:
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
         fixed = lon + EARTH.rotation * t
         turning = EQUATOR_SPEED * np.sin(lat)
-        total = SPEED * tilted_latitude(fixed, lat, alpha) + turning
+        total = SPEED * flows.tilted_latitude(fixed, lat, alpha) + turning
         surface = (133681.0 + 0.5 * turning**2 - 0.5 * total**2) / EARTH.gravity
-        return *solid_body(fixed, lat, alpha, SPEED), surface - bottom(lon, lat)
+        return *flows.solid_body(fixed, lat, alpha, SPEED), surface - bottom(lon, lat)
 
-    return build_scene("lauter", effects=(*ROTATING, Orography()), exact=exact, bottom=bottom)
+    effects = (*flows.ROTATING, Orography())
+    return flows.build_scene("lauter", effects=effects, exact=exact, bottom=bottom)
 
 
 def bottom(lon: Array, lat: Array) -> Array:
@@ -179,9 +173,10 @@ def tilted_jet(alpha: float = 0.08, speed: float = 40.0, gaussian: bool = False)
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
         fixed = lon + EARTH.rotation * t
-        east, north = solid_body(fixed, lat, alpha)
-        sine = tilted_latitude(fixed, lat, alpha)
+        east, north = flows.solid_body(fixed, lat, alpha)
+        sine = flows.tilted_latitude(fixed, lat, alpha)
         flow = jet(sine)
         return flow * east - EQUATOR_SPEED * np.cos(lat), flow * north, depth(sine)
 
-    return build_scene("tilted-jet", effects=(*ROTATING, Orography()), exact=exact, bottom=bottom)
+    effects = (*flows.ROTATING, Orography())
+    return flows.build_scene("tilted-jet", effects=effects, exact=exact, bottom=bottom)

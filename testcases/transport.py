@@ -8,15 +8,7 @@ from swe_sphere.equations.effects import PrescribedWind, Tracers
 from swe_sphere.equations.scene import Array, Scalar, Scene, Wind
 from swe_sphere.mesh.sphere import frame, position
 from swe_sphere.planet import EARTH
-from swe_sphere.testcases.flows import (
-    ANGULAR_SPEED,
-    PERIOD,
-    build_scene,
-    distance,
-    solid_body,
-    turned,
-    wrapped,
-)
+from swe_sphere.testcases import flows
 
 AIR = 1000.0
 """Depth of the air that carries the tracers [m]."""
@@ -40,21 +32,22 @@ def moving_vortices(alpha: float = 0.25 * np.pi) -> Scene:
     start = position(1.5 * np.pi, 0.0)
 
     def wind(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
-        centre = turned(start, alpha, ANGULAR_SPEED * t)
+        centre = flows.turned(start, alpha, flows.ANGULAR_SPEED * t)
         point = position(lon, lat)
         angular_speed = _vortex_speed(point @ centre)
         swirl = np.cross(centre, point)
         east, north = (
-            EARTH.radius * (ANGULAR_SPEED * around + angular_speed * np.sum(swirl * axis, axis=-1))
-            for around, axis in zip(solid_body(lon, lat, alpha), frame(lon, lat), strict=True)
+            EARTH.radius
+            * (flows.ANGULAR_SPEED * around + angular_speed * np.sum(swirl * axis, axis=-1))
+            for around, axis in zip(flows.solid_body(lon, lat, alpha), frame(lon, lat), strict=True)
         )
         return east, north
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        origin = turned(position(lon, lat), alpha, -ANGULAR_SPEED * t)
+        origin = flows.turned(position(lon, lat), alpha, -flows.ANGULAR_SPEED * t)
         return *wind(lon, lat, t), AIR * _rolled_front(origin, start, t)
 
-    return build_scene("moving-vortices", effects=(PrescribedWind(),), exact=exact, wind=wind)
+    return flows.build_scene("moving-vortices", effects=(PrescribedWind(),), exact=exact, wind=wind)
 
 
 def deformational(case: Literal[1, 2, 3, 4] = 4) -> Scene:
@@ -80,7 +73,7 @@ def deformational(case: Literal[1, 2, 3, 4] = 4) -> Scene:
     def exact_tracers(lon: Array, lat: Array, t: float) -> dict[str, Array]:
         return {name: formula(lon, lat) + _unless_away(t) for name, formula in tracers.items()}
 
-    return build_scene(
+    return flows.build_scene(
         "deformational", title=f"deformational flow, case {case}", exact=exact, wind=wind,
         effects=(PrescribedWind(), Tracers()), tracers=tracers, exact_tracers=exact_tracers,
     )  # fmt: skip
@@ -91,7 +84,7 @@ def _vortex_speed(sine: Array) -> Array:
     rho = 3.0 * np.sqrt(np.maximum(1.0 - sine**2, 0.0))
     safe = np.where(rho > 1e-8, rho, 1.0)
     shape = np.where(rho > 1e-8, np.tanh(safe) / safe, 1.0) / np.cosh(rho) ** 2
-    speed: Array = 1.5 * np.sqrt(3.0) * ANGULAR_SPEED * shape
+    speed: Array = 1.5 * np.sqrt(3.0) * flows.ANGULAR_SPEED * shape
     return speed
 
 
@@ -112,7 +105,8 @@ def _cells(strength: float, north: float, k: float, power: int) -> Wind:
     """
 
     def wind(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
-        speed = strength * float(5.0 * EARTH.radius / PERIOD * np.cos(np.pi * t / PERIOD))
+        phase = np.pi * t / flows.PERIOD
+        speed = strength * float(5.0 * EARTH.radius / flows.PERIOD * np.cos(phase))
         east = speed * np.sin(k * lon) ** 2 * np.sin(2.0 * lat) * np.cos(lat) ** power
         return east, north * speed * np.sin(2.0 * k * lon) * np.cos(lat) ** (power + 1)
 
@@ -120,8 +114,8 @@ def _cells(strength: float, north: float, k: float, power: int) -> Wind:
 
 
 def _two_cells_turning(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
-    east, north = _CASES[2][0](lon - ANGULAR_SPEED * t, lat, t)
-    return east + EARTH.radius * ANGULAR_SPEED * np.cos(lat), north
+    east, north = _CASES[2][0](lon - flows.ANGULAR_SPEED * t, lat, t)
+    return east + EARTH.radius * flows.ANGULAR_SPEED * np.cos(lat), north
 
 
 Centres = tuple[tuple[float, float], tuple[float, float]]
@@ -145,7 +139,8 @@ def _tracers(centres: Centres) -> dict[str, Scalar]:
         return hills
 
     def cosine_bells(lon: Array, lat: Array) -> Array:
-        one, other = (np.minimum(2.0 * distance(lon, lat, *centre), 1.0) for centre in centres)
+        far = (flows.distance(lon, lat, *centre) for centre in centres)
+        one, other = (np.minimum(2.0 * x, 1.0) for x in far)
         return 0.1 + 0.45 * (2.0 + np.cos(np.pi * one) + np.cos(np.pi * other))
 
     def correlated(lon: Array, lat: Array) -> Array:
@@ -155,9 +150,9 @@ def _tracers(centres: Centres) -> dict[str, Scalar]:
         """Cylinders of radius 1/2 with a slot 1/6 wide, open to the north or to the south."""
         inside = np.zeros(np.shape(lon), dtype=bool)
         for centre, side in zip(centres, (-1.0, 1.0), strict=True):
-            beside = np.abs(wrapped(lon - centre[0])) >= 1.0 / 12.0
+            beside = np.abs(flows.wrapped(lon - centre[0])) >= 1.0 / 12.0
             beyond = side * (lat - centre[1]) > 5.0 / 24.0
-            inside |= (distance(lon, lat, *centre) <= 0.5) & (beside | beyond)
+            inside |= (flows.distance(lon, lat, *centre) <= 0.5) & (beside | beyond)
         return np.where(inside, 1.0, 0.1)
 
     found = (gaussian_hills, cosine_bells, correlated, slotted_cylinders)
@@ -166,4 +161,4 @@ def _tracers(centres: Centres) -> dict[str, Scalar]:
 
 def _unless_away(t: float) -> float:
     """Return 0 at multiples of the period, when all air is back at its origin, otherwise NaN."""
-    return 0.0 if abs(t / PERIOD - round(t / PERIOD)) < 1e-9 else np.nan
+    return 0.0 if abs(t / flows.PERIOD - round(t / flows.PERIOD)) < 1e-9 else np.nan

@@ -9,21 +9,11 @@ from swe_sphere.equations.effects import Forcing, Orography, PrescribedWind
 from swe_sphere.equations.scene import Array, Scene, UnsteadyState
 from swe_sphere.mesh.sphere import angle, position
 from swe_sphere.planet import EARTH
-from swe_sphere.testcases.flows import (
-    ANGULAR_SPEED,
-    ROTATING,
-    ZonalJet,
-    build_scene,
-    cone,
-    solid_body,
-    tilted_latitude,
-    turned,
-    zonal_balance,
-)
+from swe_sphere.testcases import flows
 
-SPEED = EARTH.radius * ANGULAR_SPEED
+SPEED = EARTH.radius * flows.ANGULAR_SPEED
 """Speed of the solid-body flow at its equator [m s-1]."""
-JET = ZonalJet(SPEED, -np.pi / 6.0, np.pi / 2.0, sharpness=(2.0 * np.pi / 3.0) ** 2 / 0.3)
+JET = flows.ZonalJet(SPEED, -np.pi / 6.0, np.pi / 2.0, sharpness=(2.0 * np.pi / 3.0) ** 2 / 0.3)
 """The jet of case 3 by the latitude relative to its axis; 0.3 is x_e of the paper."""
 
 GEOPOTENTIAL = 1e5
@@ -50,10 +40,10 @@ def williamson1(alpha: float = 0.0, gaussian: bool = False) -> Scene:
     """
 
     def wind(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
-        return solid_body(lon, lat, alpha, SPEED)
+        return flows.solid_body(lon, lat, alpha, SPEED)
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        centre = turned(position(1.5 * np.pi, 0.0), alpha, ANGULAR_SPEED * t)
+        centre = flows.turned(position(1.5 * np.pi, 0.0), alpha, flows.ANGULAR_SPEED * t)
         point = position(lon, lat)
         if gaussian:
             depth = 1000.0 * np.exp(-5.0 * np.sum((point - centre) ** 2, axis=-1))
@@ -61,7 +51,7 @@ def williamson1(alpha: float = 0.0, gaussian: bool = False) -> Scene:
             depth = 500.0 * (1.0 + np.cos(np.pi * np.minimum(3.0 * angle(point, centre), 1.0)))
         return *wind(lon, lat, t), depth
 
-    return build_scene(
+    return flows.build_scene(
         "williamson1", effects=(PrescribedWind(),), exact=exact, wind=wind, steady_wind=True
     )
 
@@ -79,8 +69,8 @@ def williamson2(alpha: float = 0.0) -> Scene:
     fall = (EARTH.radius * EARTH.rotation * SPEED + 0.5 * SPEED**2) / EARTH.gravity
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        depth = 2.94e4 / EARTH.gravity - fall * tilted_latitude(lon, lat, alpha) ** 2
-        return *solid_body(lon, lat, alpha, SPEED), depth
+        depth = 2.94e4 / EARTH.gravity - fall * flows.tilted_latitude(lon, lat, alpha) ** 2
+        return *flows.solid_body(lon, lat, alpha, SPEED), depth
 
     return _steady(2, exact, alpha)
 
@@ -101,8 +91,8 @@ def williamson3(alpha: float = 0.0) -> Scene:
     """
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        sine = np.clip(tilted_latitude(lon, lat, alpha), -1.0, 1.0)
-        east, north = solid_body(lon, lat, alpha)
+        sine = np.clip(flows.tilted_latitude(lon, lat, alpha), -1.0, 1.0)
+        east, north = flows.solid_body(lon, lat, alpha)
         around = np.hypot(east, north)  # cosine of the tilted latitude
         latitude = np.arctan2(sine, around)
         turning = JET(latitude) / np.where(around > 0.0, around, 1.0)
@@ -113,9 +103,9 @@ def williamson3(alpha: float = 0.0) -> Scene:
 
 def _steady(case: int, exact: UnsteadyState, alpha: float) -> Scene:
     """Return the scene of a steady flow about an axis of rotation that is tilted by alpha [rad]."""
-    return build_scene(
-        f"williamson{case}", effects=ROTATING, exact=exact,
-        coriolis=lambda lon, lat: 2.0 * EARTH.rotation * tilted_latitude(lon, lat, alpha),
+    return flows.build_scene(
+        f"williamson{case}", effects=flows.ROTATING, exact=exact,
+        coriolis=lambda lon, lat: 2.0 * EARTH.rotation * flows.tilted_latitude(lon, lat, alpha),
     )  # fmt: skip
 
 
@@ -137,10 +127,11 @@ def williamson5(speed: float = 20.0) -> Scene:
     fall = (EARTH.radius * EARTH.rotation * speed + 0.5 * speed**2) / EARTH.gravity
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        return speed * np.cos(lat), 0.0 * lat, 5960.0 - fall * np.sin(lat) ** 2 - cone(lon, lat)
+        depth = 5960.0 - fall * np.sin(lat) ** 2 - flows.cone(lon, lat)
+        return speed * np.cos(lat), 0.0 * lat, depth
 
-    return build_scene(
-        "williamson5", effects=(*ROTATING, Orography()), initial=initial, bottom=cone,
+    return flows.build_scene(
+        "williamson5", effects=(*flows.ROTATING, Orography()), initial=initial, bottom=flows.cone,
         error_field="surface", sheds_waves=True,
     )  # fmt: skip
 
@@ -177,7 +168,8 @@ def williamson6(perturbation: float = 0.0, omega: float = 7.848e-6, depth: float
         waves = (np.cos(lat) ** m * np.cos(m * lon + m) for m in (1, 2, 3))
         return u, v, h + perturbation / 3.0 * sum(waves) if perturbation else h
 
-    return build_scene("williamson6", effects=ROTATING, initial=initial, sheds_waves=True)
+    effects = flows.ROTATING
+    return flows.build_scene("williamson6", effects=effects, initial=initial, sheds_waves=True)
 
 
 def williamson4(u0: float = 20.0) -> Scene:
@@ -200,7 +192,7 @@ def williamson4(u0: float = 20.0) -> Scene:
         """Return ū [m s-1]."""
         return u0 * np.sin(2.0 * lat) ** 14
 
-    drop = zonal_balance(jet)
+    drop = flows.zonal_balance(jet)
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
         c_lat, side, psi, once = _low(lon - u0 * t / a, lat)[1:5]
@@ -239,7 +231,8 @@ def williamson4(u0: float = 20.0) -> Scene:
         geopotential = v * (pull + (two_omega_cos * psi - mean * mean_tan) / a)
         return east, north, geopotential / EARTH.gravity
 
-    return build_scene("williamson4", effects=(*ROTATING, Forcing()), exact=exact, forcing=forcing)
+    effects = (*flows.ROTATING, Forcing())
+    return flows.build_scene("williamson4", effects=effects, exact=exact, forcing=forcing)
 
 
 def _low(lon: Array, lat: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
@@ -276,4 +269,4 @@ def mcdonald_bates() -> Scene:
         swell = 2.0 * EARTH.rotation * EARTH.radius * speed * sin**3 * cos * np.sin(lon)
         return u, speed * sin**2 * np.cos(lon), (5.768e4 + swell) / EARTH.gravity
 
-    return build_scene("mcdonald-bates", effects=ROTATING, initial=initial)
+    return flows.build_scene("mcdonald-bates", effects=flows.ROTATING, initial=initial)

@@ -26,15 +26,8 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.mesh.sphere import global_spline
 from swe_sphere.planet import EARTH
 from swe_sphere.settings.values import read_toml
+from swe_sphere.testcases import harmonics
 from swe_sphere.testcases.flows import ROTATING, build_scene
-from swe_sphere.testcases.harmonics import (
-    BalancedFlow,
-    Complex,
-    GaussGrid,
-    inverse_laplacian,
-    random_streamfunction,
-    synthesis,
-)
 
 PAPER = "Williamson et al. (1992), J. Comput. Phys. 102, 211-224, doi:10.1016/S0021-9991(05)80016-6"
 DEPTH = 1e4
@@ -71,7 +64,8 @@ def williamson7(
         if degree or balanced:
             raise ConfigError("williamson7: degree and balanced filter a file: give a file too")
         title, source = "SYNTHETIC 500 hPa-like flow", "SYNTHETIC initial state"
-        initial: State = BalancedFlow(_streamfunction(seed), EARTH, DEPTH, linear=True).state
+        synthetic = _streamfunction(seed)
+        initial: State = harmonics.BalancedFlow(synthetic, EARTH, DEPTH, linear=True).state
     else:
         title, source = f"500 hPa flow from {file.name}", f"initial state from {file.name}"
         initial = _analysed(file, degree, balanced)
@@ -82,12 +76,12 @@ def williamson7(
     )  # fmt: skip
 
 
-def _streamfunction(seed: int) -> Complex:
+def _streamfunction(seed: int) -> harmonics.Complex:
     """Return the streamfunction of jets and random eddies, as coefficients [m2 s-1]."""
-    found: Complex = random_streamfunction(
+    found: harmonics.Complex = harmonics.random_streamfunction(
         lambda n: n / 6.0 / (1.0 + (n / 6.0) ** 4), DEGREE, 12.0, EARTH.radius, seed
     )
-    grid = GaussGrid(5)
+    grid = harmonics.GaussGrid(5)
     sine = np.sin(grid.points[1])
     # -∂ψ/∂θ / a ~ cos³ θ sin² θ, which is largest where sin² θ = 2/5
     jets = -(sine**3 / 3.0 - sine**5 / 5.0) * EARTH.radius * 20.0 / (0.4 * 0.6**1.5)
@@ -131,21 +125,22 @@ def _filtered(state: State, latitudes: int, degree: int, balanced: bool) -> Stat
     latitudes: number of latitudes of the file. balanced: drop the divergent wind, and replace the
     height by that of `BalancedFlow`, so that almost no gravity waves remain.
     """
-    grid = GaussGrid(max(degree, latitudes))
+    grid = harmonics.GaussGrid(max(degree, latitudes))
     u, v, z = state(*grid.points)
     wanted = slice(degree + 1), slice(degree + 1)
 
-    def potential(east: Array, north: Array) -> Complex:
+    def potential(east: Array, north: Array) -> harmonics.Complex:
         """Return the potential [m2 s-1] whose gradient is nearest to a field [m s-1]."""
-        return -EARTH.radius * inverse_laplacian(grid.against_gradients(east, north)[wanted])
+        divergence = grid.against_gradients(east, north)[wanted]
+        return -EARTH.radius * harmonics.inverse_laplacian(divergence)
 
     streamfunction, height = potential(v, -u), grid.coefficients(z)[wanted]
     if balanced:
-        return BalancedFlow(streamfunction, EARTH, height[0, 0].real).state
+        return harmonics.BalancedFlow(streamfunction, EARTH, height[0, 0].real).state
     parts = np.stack([height, streamfunction, potential(u, v)])
 
     def filtered(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        value, east, north = synthesis(parts, lon, lat)
+        value, east, north = harmonics.synthesis(parts, lon, lat)
         slopes = (east[2] - north[1]) / EARTH.radius, (north[2] + east[1]) / EARTH.radius
         return *slopes, value[0]
 

@@ -391,7 +391,7 @@ def test_a_full_file_system_keeps_every_frame(tmp_path, mesh):
         assert "No space left on device" in text
         check_kept(tmp_path / "run.nc", mesh, frames, checkpoints)
         (tmp_path / "rest").write_bytes(bytes(os.statvfs(tmp_path).f_bavail * 4096))
-        with pytest.raises(ConfigError, match="No space left on device"):
+        with pytest.raises(RunFailed, match="No space left on device"):
             FrameWriter(tmp_path / "more.nc", mesh, {})
         assert not (tmp_path / "more.nc").exists()
     finally:

@@ -194,11 +194,11 @@ def regrid_file(
     check_free(out, overwrite)
     if ending == ".zarr":
         check_zarr(out)
-    check_place(out)
     with (
         xr.open_dataset(path, engine=engine(path), decode_times=False) as data,
         translate_errors(f"cannot write {out}"),
     ):
+        check_place(out)
         if out.exists() and out.samefile(path):
             raise ConfigError(f"{out} is the input file: choose another name")
         chosen = _chosen(data, fields)

@@ -50,17 +50,17 @@ def is_store(path: Path) -> bool:
     return any((path / name).is_file() for name in (CONSOLIDATED, ".zgroup", "zarr.json"))
 
 
-def check_place(path: Path) -> None:
-    """Raise ConfigError if a file or store there would replace, or be within, something else."""
+def check_place(path: Path, what: str = "") -> None:
+    """Raise ConfigError, "what" first, if a file there would replace, or be in, something else."""
     if is_store(path.parent):
-        raise ConfigError(f"{path.parent} is a Zarr store: choose a place outside of it")
+        raise ConfigError(f"{what}{path.parent} is a Zarr store: choose a place outside of it")
     if not path.is_dir():
         return
     if path.suffix.lower() != SUFFIX or not is_store(path):
-        raise ConfigError(f"{path} is a folder: give the name of a file in it")
+        raise ConfigError(f"{what}{path} is a folder: give the name of a file in it")
     arrays = (each.parent.name for name in METADATA[-2:] for each in path.glob(f"*/{name}"))
     if others := sorted({each.name for each in path.iterdir()} - {*METADATA, *arrays}):
-        raise ConfigError(f"{path} contains {others[0]}, which is not its own: move it away")
+        raise ConfigError(f"{what}{path} contains {others[0]}, not its own: move it away")
 
 
 def check_zarr(path: Path) -> None:

@@ -87,10 +87,7 @@ def check_paths(config: RunConfig) -> None:
             raise ConfigError(
                 f"{name}: {shown(path.name)} is too long: take at most {LONGEST_NAME} bytes"
             )
-        try:
-            check_place(path)
-        except ConfigError as error:
-            raise ConfigError(f"{name}: {error}") from None
+        check_place(path, f"{name}: ")
         if not path.parent.is_dir():
             raise ConfigError(f"{name}: there is no folder {path.parent}: make it first")
         target = path if path.exists() else path.parent

@@ -8,14 +8,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from swe_sphere.errors import (
-    ConfigError,
-    Interrupted,
-    RunFailed,
-    SweError,
-    in_one_line,
-    unknown_name,
-)
+from swe_sphere import errors
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, NAMES
@@ -55,7 +48,7 @@ class Summary(Mapping[str, Any]):
         """Return a value, None if it is missing or not finite; KeyError for an unknown name."""
         values = self.as_dict()
         if name not in values:
-            raise KeyError(str(unknown_name("value of a summary", str(name), values)))
+            raise KeyError(str(errors.unknown_name("value of a summary", str(name), values)))
         return values[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -120,13 +113,14 @@ class Summary(Mapping[str, Any]):
 
 def summary_of(error: Exception, time: float) -> Summary:
     """Return how an error ended a run at a time [s], without numbers."""
-    text = in_one_line(error)
-    if isinstance(error, Interrupted):
+    text = errors.in_one_line(error)
+    if isinstance(error, errors.Interrupted):
         return Summary(error.status, f"{error} at day {time / DAY:.4g}", error.exit_status)
-    if not isinstance(error, SweError):
-        return Summary("solver-failed", f"{type(error).__name__}: {text}", RunFailed.exit_status)
+    if not isinstance(error, errors.SweError):
+        line = f"{type(error).__name__}: {text}"
+        return Summary("solver-failed", line, errors.RunFailed.exit_status)
     # a ConfigError in a function of the scene comes too late to refuse the run
-    status = "failed" if isinstance(error, ConfigError) else error.status
+    status = "failed" if isinstance(error, errors.ConfigError) else error.status
     return Summary(status, text, error.exit_status)
 
 

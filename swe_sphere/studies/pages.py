@@ -44,12 +44,8 @@ def _environment(package: str, escape: bool) -> Environment:
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
     made.globals["mark"] = MARK
-    made.filters |= {
-        each.__name__: each for each in (
-            in_table, words.number, words.error, words.level, words.seconds, words.step,
-            words.times, words.percent,
-        )
-    }  # fmt: skip
+    texts = words.number, words.error, words.level, words.seconds, words.step, words.times
+    made.filters |= {each.__name__: each for each in (in_table, words.percent, *texts)}
     return made
 
 

@@ -131,10 +131,8 @@ class Row:
             "status": self.measure.status, "reason": self.measure.reason or None,
             "quantities": {n: x for n, x in self.quantities.items() if n not in TIMES},
             "checks": [
-                {
-                    "quantity": check.quantity, "obtained": check.obtained,
-                    "low": check.low, "high": check.high, "passed": check.holds,
-                }
+                {"quantity": check.quantity, "obtained": check.obtained, "low": check.low,
+                 "high": check.high, "passed": check.holds}
                 for check in self.checks
             ],
             "published": [
@@ -207,10 +205,8 @@ def _measuring() -> Callable[[list[Case]], list[Measure]]:
 
 MASS = "mass_drift"
 """Shown once for all rows of the verification, unless it is out of bounds."""
-COLUMNS = {name: f"{name[:-2]}({name[-1]})" for name in NORMS} | {
-    "order": "order(h)",
-    "order_v": "order(v)",
-}
+COLUMNS = {name: f"{name[:-2]}({name[-1]})" for name in NORMS}
+COLUMNS |= {"order": "order(h)", "order_v": "order(v)"}
 """Quantities with a separate column, and its head."""
 
 

@@ -25,13 +25,7 @@ import numpy as np
 from swe_sphere.equations.scene import Scene
 from swe_sphere.equations.spectrum import SpectralRadii
 from swe_sphere.errors import ConfigError, in_one_line
-from swe_sphere.files.fingerprints import (
-    SCENE_FILE,
-    code_fingerprint,
-    file_fingerprint,
-    fingerprint,
-    processor,
-)
+from swe_sphere.files import fingerprints
 from swe_sphere.files.user_file import is_custom, is_user_file
 from swe_sphere.io.integrals import Fields
 from swe_sphere.io.reference_solution import Reference
@@ -179,12 +173,12 @@ class Discretisation:
         """Text that is the same for all discretisations of the same settings, files and code."""
         same = identity(self.config, self.scene, self.mesh) | {
             "device": self.config.device, "launch": self.config.launch, "stepper": None,
-            "code": code_fingerprint(),
+            "code": fingerprints.code_fingerprint(),
         }  # fmt: skip
         if self._own is not None:  # its functions may depend on more than its parameters
             same |= {name: str(x.tobytes()) for name, x in self.sim.initial_fields.items()}
             same |= self._samples(self._own)
-        return fingerprint(same)
+        return fingerprints.fingerprint(same)
 
     def _samples(self, scene: Scene) -> dict[str, str]:
         """Return values at the nodes of functions other than the initial fields, and their code."""
@@ -321,7 +315,7 @@ class Study:
         """Return what determines the errors of a run, in words: part of its identity."""
         if role == "stability":
             return (f"noise, {TRIAL_STEPS} steps, {TRIAL_DAYS} days",)
-        files = {day: file_fingerprint(path) for day, path in self.files.items()}
+        files = {day: fingerprints.file_fingerprint(path) for day, path in self.files.items()}
         reference = ["reference run"] if role == "converged" else []
         return (*reference, str(files), *(["slow flow"] if self.slow else []))
 
@@ -359,17 +353,17 @@ class Study:
         Times of one processor do not apply to another.
         """
         files = run_sources(self.plan.scene, self.scene)
-        origin = "a file" if SCENE_FILE in files else "the package"
+        origin = "a file" if fingerprints.SCENE_FILE in files else "the package"
         if self._own is not None:
             origin = users_fingerprint(self._own.initial)
         build.start_warp()
         return {
-            "the code of swe_sphere": code_fingerprint(),
-            "the processor": processor(find_device(self.plan.device)),
+            "the code of swe_sphere": fingerprints.code_fingerprint(),
+            "the processor": fingerprints.processor(find_device(self.plan.device)),
             "the scene": origin, **files,
             **{f"{DIAGNOSTIC}{name}": users_fingerprint(one.function) + _code(one.function)
                for name, one in DIAGNOSTICS.items()},
-            **{f"the reference of day {day:g}": file_fingerprint(path)
+            **{f"the reference of day {day:g}": fingerprints.file_fingerprint(path)
                for day, path in self.files.items()},
         }  # fmt: skip
 
@@ -488,7 +482,7 @@ class RunSpec:
     def key(self) -> str:
         """Hash of all settings, files and code that affect the result."""
         of, study = self.setup, self.setup.study
-        return fingerprint([
+        return fingerprints.fingerprint([
             of.space.identity, of.config.stepper, of.options, repr(self.dt), study.days,
             self.report_days, study.error_identity(self.role), of.sources,
         ])  # fmt: skip
@@ -524,10 +518,11 @@ def _code(function: Any) -> str:
 
     code, cells = (getattr(function, f"__{name}__", None) for name in ("code", "closure"))
     around = [cell.cell_contents for cell in cells or () if cell != type(cell)()]
-    return fingerprint([parts(code), [x for x in around if isinstance(x, float | int | str)]])
+    plain = [x for x in around if isinstance(x, float | int | str)]
+    return fingerprints.fingerprint([parts(code), plain])
 
 
 def users_fingerprint(item: object) -> str:
     """Return the fingerprint of the file of a function or class; without a file, `SESSION`."""
     file = getattr(sys.modules.get(item.__module__), "__file__", None)
-    return SESSION if file is None else file_fingerprint(Path(file))
+    return SESSION if file is None else fingerprints.file_fingerprint(Path(file))
