@@ -45,10 +45,11 @@ def newton() -> Section:
             print(*rows[-1], sep=" | ", flush=True)  # noqa: T201 - a run takes a while
     return Section(
         f"ne12 np4, {DAYS:.0f} days: Newton / Krylov iterations a step by forcing term and guess",
-        "The first number of a column is the forcing term, the factor by which each linear solve of "
-        "a stage reduces its residual. No solve reduces it by more than twice what the target "
-        "requires; the columns of 1e-15 show solves that go to this limit. The second is the fraction of the change of slope of the preceding "
-        "stage that the guess of a stage includes (bdf2 extrapolates its states and has none). The "
+        "The first number of a column is the forcing term, the factor by which each linear solve "
+        "of a stage reduces its residual. No solve reduces it by more than twice what the target "
+        "requires; the columns of 1e-15 show solves that go to this limit. The second is the "
+        "fraction of the change of slope of the preceding stage that the guess of a stage "
+        "includes (bdf2 extrapolates its states and has none). The "
         f"package uses {dirk.ESDIRK4.followed:g} for sdirk3 and esdirk4 and "
         f"{dirk.TRBDF2.followed:g} for tr-bdf2, whose iterations this fraction increased in longer "
         "runs.",

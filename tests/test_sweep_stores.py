@@ -86,7 +86,9 @@ def test_rows_of_other_code_are_made_again_and_never_mixed(tmp_path, monkeypatch
     first = sweep("lauter", "rk4", **options)
     fields = {*(tmp_path / "converged").iterdir()}
     with monkeypatch.context() as other:
-        other.setattr("swe_sphere.studies.sweep.runs.fingerprints.code_fingerprint", lambda: "other")
+        other.setattr(
+            "swe_sphere.studies.sweep.runs.fingerprints.code_fingerprint", lambda: "other"
+        )
         notes = Notes()
         second = sweep("lauter", ["rk4", "kg5"], watcher=notes, **options)
         assert "3 of 3 runs there are ignored" in notes.told[0]
