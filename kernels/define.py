@@ -1,9 +1,9 @@
 """Definition of kernels, device functions and their structures.
 
-A kernel is compiled for a number type and for a count of numbers side by side. Its code uses names
-(`Name`) for everything that depends on either: `real` is the number type, `load` loads a register.
-`specialise` returns the Warp kernel for a `Register` or for the `KernelTypes` of elements: it
-replaces each name by its value, also in the functions that the kernel calls.
+A kernel is compiled for a number type and for a count of numbers side by side. Its code uses a
+`Placeholder` for everything that depends on either: `real` is the number type, `load` loads a
+register. `specialise` returns the Warp kernel for a `Register` or for the `KernelTypes` of
+elements: it replaces placeholders by their values, also in the functions that the kernel calls.
 
 A formula is thus written once, with names for the types of its arguments and constants:
 
@@ -20,7 +20,7 @@ import types
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from string import Template as Text
+from string import Template
 from typing import TYPE_CHECKING, Any
 
 import warp as wp
@@ -32,7 +32,7 @@ REGISTER_BYTES = 64
 def source(name: str, **given: object) -> str:
     """Return the C++ code in kernels/simd/NAME.cpp, each $key replaced by its value in `given`."""
     path = Path(__file__).with_name("simd") / f"{name}.cpp"
-    return Text(path.read_text(encoding="utf-8")).substitute(given)
+    return Template(path.read_text(encoding="utf-8")).substitute(given)
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Register:
         places the compiler does not vectorise loops over the lanes of Warp's vectors. Statements
         contain one operation where a fused multiply-add would change bits between variants.
         """
-        return lambda f: Template(f, lambda made, of: wp.func_native(of.prelude + code)(made))
+        return lambda f: KernelTemplate(f, lambda made, of: wp.func_native(of.prelude + code)(made))
 
     @property
     def prelude(self) -> str:
@@ -95,7 +95,7 @@ def lanes_of(real: Any) -> int:
     return REGISTER_BYTES // size
 
 
-class Name:
+class Placeholder:
     """A type, number or function in kernel code whose value depends on the register or elements."""
 
     def __init__(self, find: Callable[[Any], Any], of_elements: bool = False) -> None:
@@ -110,8 +110,8 @@ class Name:
         return self._found[key]
 
 
-class Template(Name):
-    """A kernel or a device function whose code uses names, all of them defined before it."""
+class KernelTemplate(Placeholder):
+    """A kernel or a device function whose code uses placeholders, all of them defined before it."""
 
     def __init__(self, function: Any, compiled: Callable[[Any, Any], Any]) -> None:
         """Store the function and `compiled`, which turns it into a Warp object for a register."""
@@ -121,7 +121,7 @@ class Template(Name):
         kinds = (getattr(kind, "dtype", kind) for kind in function.__annotations__.values())
         used = (*self._names.values(), *self._around, *kinds)
         super().__init__(
-            self._specialise, any(isinstance(it, Name) and it.of_elements for it in used)
+            self._specialise, any(isinstance(it, Placeholder) and it.of_elements for it in used)
         )
 
     def _specialise(self, of: Any) -> Any:
@@ -137,14 +137,14 @@ class Template(Name):
 
 
 def specialise(it: Any, of: Any) -> Any:
-    """Return the value of a `Name` or of an array type of one; any other object is returned as is.
+    """Return the value of a `Placeholder`, or of an array type of one; other objects as they are.
 
     of: a `Register`, `KernelTypes`, or a number type of Warp, which stands for plain numbers.
     """
     of = of if hasattr(of, "register") else Register(of)
-    if isinstance(it, wp.array) and isinstance(it.dtype, Name):
+    if isinstance(it, wp.array) and isinstance(it.dtype, Placeholder):
         return wp.array(dtype=it.dtype.find(of), ndim=it.ndim)
-    return it.find(of) if isinstance(it, Name) else it
+    return it.find(of) if isinstance(it, Placeholder) else it
 
 
 if TYPE_CHECKING:  # annotations of what Warp compiles are Warp types
@@ -155,30 +155,30 @@ else:
     """Options of all kernels.  Unrolled loops would take long to compile.  Compiler flags stay at
     their defaults: each set of flags compiles Warp's headers again, which takes seconds."""
 
-    def func(f: Any) -> Template:
+    def func(f: Any) -> KernelTemplate:
         """Turn the decorated Python function into a device function."""
-        return Template(f, lambda made, _: wp.func(made))
+        return KernelTemplate(f, lambda made, _: wp.func(made))
 
-    def kernel(f: Any) -> Template:
+    def kernel(f: Any) -> KernelTemplate:
         """Turn the decorated Python function into a kernel."""
-        return Template(f, lambda made, _: wp.kernel(made, **OPTIONS))
+        return KernelTemplate(f, lambda made, _: wp.kernel(made, **OPTIONS))
 
 
 @functools.cache
 def rows(count: int) -> Any:
-    """Return the `Name` of the type of `count` consecutive registers."""
-    return Name(lambda of: of.rows(count))
+    """Return the `Placeholder` of the type of `count` consecutive registers."""
+    return Placeholder(lambda of: of.rows(count))
 
 
-real: Any = Name(lambda of: of.real)
+real: Any = Placeholder(lambda of: of.real)
 """Number type."""
-value: Any = Name(lambda of: of.value)
+value: Any = Placeholder(lambda of: of.value)
 """A register."""
-index: Any = Name(lambda of: of.index)
+index: Any = Placeholder(lambda of: of.index)
 """Node numbers, one for each lane of a register."""
-vector: Any = Name(lambda of: wp.array(dtype=of.real))
+vector: Any = Placeholder(lambda of: wp.array(dtype=of.real))
 """Array of numbers."""
-lanes: Any = Name(lambda of: of.lanes)
+lanes: Any = Placeholder(lambda of: of.lanes)
 """Count of numbers in a register."""
 
 

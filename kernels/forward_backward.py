@@ -11,7 +11,7 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import Name, func, kernel, lanes, struct_of, vector
+from swe_sphere.kernels.define import Placeholder, func, kernel, lanes, struct_of, vector
 from swe_sphere.kernels.dynamics import transport
 from swe_sphere.kernels.element import Finish
 from swe_sphere.kernels.formulas import pair, single
@@ -89,7 +89,7 @@ def pushing_kernel(t: KernelTypes, damped: bool) -> Any:
 
 @functools.cache
 def run_kernels(unknowns: int, point: Pointwise, damped: bool) -> tuple[Any, Any, Any]:
-    """Return two kernels that assemble and step runs of nodes, and the `Name` of their geometry.
+    """Return two kernels that assemble and step runs of nodes, and a `Placeholder`, their geometry.
 
     The first kernel steps depth and tracers: from the node `begin` on, out = now + tau (rate +
     loss) in `count` blocks, with the rates of the pointwise terms at the masses `mass_mix` and the
@@ -99,7 +99,7 @@ def run_kernels(unknowns: int, point: Pointwise, damped: bool) -> tuple[Any, Any
     """
     added, shifted = pointwise_sum(unknowns, point), point.tangent
 
-    @Name
+    @Placeholder
     def geometry(of: Any) -> Any:
         point = added.structure.find(of)
         area = wp.array(dtype=of.real)

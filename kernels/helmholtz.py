@@ -18,7 +18,7 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import Name, func, kernel, lanes, real, value, vector
+from swe_sphere.kernels.define import Placeholder, func, kernel, lanes, real, value, vector
 from swe_sphere.kernels.metric import divergence as div
 from swe_sphere.kernels.metric import dot
 from swe_sphere.kernels.metric import gradient as grad
@@ -37,7 +37,7 @@ from swe_sphere.kernels.simd.memory import (
 )
 from swe_sphere.kernels.terms import across, along, geometry, given, local, np_, share, state_vector
 
-together: Any = Name(lambda t: t.shape == "element", of_elements=True)
+together: Any = Placeholder(lambda t: t.shape == "element", of_elements=True)
 """True if all fluxes use one row of f1 and f2, which stays in the nearest cache.  The thread that
 stores them then computes their divergence; otherwise the kernel `divergence` does."""
 

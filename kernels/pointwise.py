@@ -11,7 +11,7 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import Name, func, lanes, real, rows, struct_of, vector
+from swe_sphere.kernels.define import Placeholder, func, lanes, real, rows, struct_of, vector
 from swe_sphere.kernels.simd.arithmetic import mul
 from swe_sphere.kernels.simd.memory import load
 from swe_sphere.kernels.simd.stages import triple
@@ -80,7 +80,7 @@ def pointwise_sum(unknowns: int, point: Pointwise) -> PointwiseSum:
     """Return the device functions for the sum of these terms."""
     last, coefficients = unknowns - 1, _coefficients(point.terms)
 
-    @Name
+    @Placeholder
     def structure(of: Any) -> Any:
         array, terms = wp.array(dtype=of.real), coefficients.find(of)
         members = {
@@ -110,8 +110,8 @@ def pointwise_sum(unknowns: int, point: Pointwise) -> PointwiseSum:
 
 
 @functools.cache
-def _coefficients(terms: tuple[PointTerm, ...]) -> Name:
-    """Return the `Name` of a structure: coefficients `mine` of the first term, and `others`."""
+def _coefficients(terms: tuple[PointTerm, ...]) -> Placeholder:
+    """Return the `Placeholder` of a structure: coefficients `mine` of the first term, `others`."""
 
     def structure(of: Any) -> Any:
         if not terms:
@@ -121,7 +121,7 @@ def _coefficients(terms: tuple[PointTerm, ...]) -> Name:
         others = {"others": _coefficients(terms[1:]).find(of)} if terms[1:] else {}
         return struct_of("Terms", {"mine": struct_of("Coefficients", numbers | fields)} | others)
 
-    return Name(structure)
+    return Placeholder(structure)
 
 
 def _rates_of(kind: str, unknowns: int, point: Pointwise, structure: Any) -> Any:
@@ -172,8 +172,8 @@ def _rates_of(kind: str, unknowns: int, point: Pointwise, structure: Any) -> Any
 def _sum_of_terms(kind: str, terms: tuple[PointTerm, ...], tangent: bool) -> Any:
     """Return the function (c, i, state, direction) for the sum of the rates of wind or depth."""
     formula, is_wind, more = getattr(terms[0], kind), kind == "wind", bool(terms[1:])
-    rates: Any = Name(lambda of: wp.types.vector(2 if is_wind else 1, of.real))
-    mine: Any = Name(lambda of: _coefficients(terms).find(of).vars["mine"].type)
+    rates: Any = Placeholder(lambda of: wp.types.vector(2 if is_wind else 1, of.real))
+    mine: Any = Placeholder(lambda of: _coefficients(terms).find(of).vars["mine"].type)
     term, acts = formula and _typed(formula, mine), formula is not None
     of_others = _sum_of_terms(kind, terms[1:], tangent) if more else None
 
@@ -197,7 +197,7 @@ def _sum_of_terms(kind: str, terms: tuple[PointTerm, ...], tangent: bool) -> Any
     return of_terms
 
 
-def _typed(formula: Callable[..., Any], coefficients: Name) -> Any:
+def _typed(formula: Callable[..., Any], coefficients: Placeholder) -> Any:
     """Return the formula as a device function with types for its arguments."""
     code = formula.__code__
     typed = types.FunctionType(

@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import Name, Register, lanes_of, struct_of, value
+from swe_sphere.kernels.define import Placeholder, Register, lanes_of, struct_of, value
 from swe_sphere.kernels.pointwise import PointwiseSum
 from swe_sphere.kernels.simd.arithmetic import line_sums
 from swe_sphere.kernels.simd.stages import levels_struct, stage_struct
@@ -139,19 +139,19 @@ class KernelTypes:
         return struct_of("Geometry", members)
 
 
-np_: Any = Name(lambda t: t.np, of_elements=True)
-share: Any = Name(lambda t: t.share, of_elements=True)
-geometry: Any = Name(lambda t: t.geometry, of_elements=True)
-given: Any = Name(lambda t: t.given, of_elements=True)
+np_: Any = Placeholder(lambda t: t.np, of_elements=True)
+share: Any = Placeholder(lambda t: t.share, of_elements=True)
+geometry: Any = Placeholder(lambda t: t.geometry, of_elements=True)
+given: Any = Placeholder(lambda t: t.given, of_elements=True)
 """Number type of state vectors.  These four names are the members of `KernelTypes` in kernels."""
-state_vector: Any = Name(lambda t: wp.array(dtype=t.given), of_elements=True)
+state_vector: Any = Placeholder(lambda t: wp.array(dtype=t.given), of_elements=True)
 """Array type of a state vector."""
-output: Any = Name(
+output: Any = Placeholder(
     lambda t: levels_struct(t.real) if t.steps else wp.array(dtype=t.real), of_elements=True
 )
 """Type of the argument that receives results finished without DSS."""
-along: Any = Name(lambda t: line_sums(t.np)[0].find(t), of_elements=True)
-across: Any = Name(lambda t: line_sums(t.np)[1].find(t), of_elements=True)
+along: Any = Placeholder(lambda t: line_sums(t.np)[0].find(t), of_elements=True)
+across: Any = Placeholder(lambda t: line_sums(t.np)[1].find(t), of_elements=True)
 """Functions (derivative, field (np, np), i, j): derivatives of a field along each coordinate."""
 local = wp.array3d(dtype=value)
 """Array type of fields on element nodes (groups, np*np, fields)."""

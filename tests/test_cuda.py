@@ -32,7 +32,7 @@ from swe_sphere.kernels import (
     tracers,
 )
 from swe_sphere.kernels.assembly import assembly_kernels
-from swe_sphere.kernels.define import Template
+from swe_sphere.kernels.define import KernelTemplate
 from swe_sphere.kernels.dynamics import gradient, transport
 from swe_sphere.kernels.forward_backward import combine_levels_kernel, run_kernels
 from swe_sphere.kernels.local import field_kernel
@@ -81,7 +81,9 @@ def kernels(real: type) -> list[wp.Kernel]:
 
     def kernels_of(module, types: KernelTypes = inner) -> list[wp.Kernel]:
         """All that stand in the module by themselves."""
-        made = [specialise(it, types) for it in vars(module).values() if isinstance(it, Template)]
+        made = [
+            specialise(it, types) for it in vars(module).values() if isinstance(it, KernelTemplate)
+        ]
         return [kernel for kernel in made if isinstance(kernel, wp.Kernel)]
 
     return [

@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import Name, Register, real, source, value, vector
+from swe_sphere.kernels.define import Placeholder, Register, real, source, value, vector
 from swe_sphere.kernels.simd.memory import Numbers
 
 
@@ -20,9 +20,9 @@ def _product(register: Register) -> Any:
     return product.find(register) if register.whole else wp.cw_mul
 
 
-mul: Any = Name(_product)
+mul: Any = Placeholder(_product)
 """Function (p, q) that returns the product."""
-div: Any = Name(lambda of: wp.cw_div if of.lanes > 1 else wp.div)
+div: Any = Placeholder(lambda of: wp.cw_div if of.lanes > 1 else wp.div)
 """Function (p, q) that returns the quotient."""
 
 
@@ -123,7 +123,7 @@ def _rooms(register: Register) -> Any:
     return rooms.find(register)
 
 
-rooms: Any = Name(_rooms)
+rooms: Any = Placeholder(_rooms)
 """Function (area, x, depth, first, begin, end, low, high) that returns a limiter's sums over nodes.
 
 The sums are the excess of the masses over their bounds and the room above and below, see

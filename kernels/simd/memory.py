@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.kernels.define import Name, Register, index, kernel, source, value, vector
+from swe_sphere.kernels.define import Placeholder, Register, index, kernel, source, value, vector
 
 CONTRIBUTORS = 4
 Contributors = wp.types.vector(CONTRIBUTORS, wp.int32)
@@ -85,7 +85,7 @@ def _load_runs(register: Register) -> Any:
     return load_runs.find(register)
 
 
-load_runs: Any = Name(_load_runs)
+load_runs: Any = Placeholder(_load_runs)
 """Function (x, places) that loads x at places returned by `in_two_runs`."""
 
 
@@ -125,9 +125,9 @@ def in_two_runs(places: NDArray[np.integer]) -> NDArray[np.integer]:
     return np.where(((ends.sum(axis=-1) <= 1) & (second >= 0))[..., None], marked, places)
 
 
-load_nodes: Any = Name(lambda of: _load_nodes(of, of.real))
+load_nodes: Any = Placeholder(lambda of: _load_nodes(of, of.real))
 """Function (x, offset, node) that loads x at a register of nodes."""
-load_given: Any = Name(lambda of: _load_nodes(of.register, of.given), of_elements=True)
+load_given: Any = Placeholder(lambda of: _load_nodes(of.register, of.given), of_elements=True)
 """Variant of `load_nodes` for a vector of the number type `given`."""
 
 
@@ -141,5 +141,5 @@ def _gather(register: Register) -> Any:
     return gather.find(register)
 
 
-gather: Any = Name(_gather)
+gather: Any = Placeholder(_gather)
 """Function (local, places, first, offset): DSS of nodes from `first` on by their `Contributors`."""

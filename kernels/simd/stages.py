@@ -11,7 +11,7 @@ from typing import Any
 import warp as wp
 
 from swe_sphere.kernels.define import (
-    Name,
+    Placeholder,
     Register,
     kernel,
     lanes,
@@ -45,9 +45,9 @@ def levels_struct(real: Any) -> Any:
     return struct_of("Levels", members | {"tau": real, "weights": triple, "depth_weights": triple})
 
 
-stage: Any = Name(lambda of: stage_struct(of.real))
-levels: Any = Name(lambda of: levels_struct(of.real))
-triple: Any = Name(lambda of: wp.types.vector(3, of.real))
+stage: Any = Placeholder(lambda of: stage_struct(of.real))
+levels: Any = Placeholder(lambda of: levels_struct(of.real))
+triple: Any = Placeholder(lambda of: wp.types.vector(3, of.real))
 
 
 @functools.cache
