@@ -39,7 +39,9 @@ def race() -> Section:
     return Section(
         "williamson5, 15 days: what accuracy costs in time",
         "The run with the least CPU time of three, made in turns. Explicit steppers run at 0.85 of "
-        "their stability limit. The gravity limit is that of "
+        "their stability limit; `semi-implicit` takes 0.76 and 0.55 of its automatic steps, 1575 s "
+        "and 547 s, with which it takes 0.79 and 0.54 of the time shown and has the same errors. "
+        "The gravity limit is that of "
         "leapfrog without filter, 1/ρ. The column \"near the mountain\" covers 30° around it. "
         "Right-hand-side equivalents are CPU time over that of one right-hand side, measured "
         "before and after the run.",

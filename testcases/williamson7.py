@@ -99,10 +99,8 @@ def _analysed(file: Path, degree: int, balanced: bool) -> State:
     mean = float(weights @ fields[2].mean(axis=1) / 2.0)
     if fields[2].min() - mean + DEPTH <= 0.0:
         raise ConfigError(f"{file}: z varies by more than 10 km: check its units, m or m2 s-2")
-    splines = [
-        global_spline(lat, lon, field, 3, sign)
-        for field, sign in zip(fields, (-1.0, -1.0, 1.0), strict=True)
-    ]
+    signed = zip(fields, (-1.0, -1.0, 1.0), strict=True)
+    splines = [global_spline(lat, lon, field, 3, sign) for field, sign in signed]
 
     def interpolated(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
         u, v, z = (spline(lon, lat) for spline in splines)

@@ -176,6 +176,18 @@ def test_the_same_file_gives_the_same_class_until_it_is_edited(here) -> None:
             RK + EULER.format("A", "one") + "    family = 'mine'\n",
             "stepper one: `family` must be explicit or .*, got 'mine'",
         ),
+        (
+            RK + EULER.format("A", "one") + "    safety = -1.0\n",
+            "stepper one: safety must be positive, got -1.0",
+        ),
+        (
+            RK + EULER.format("A", "one") + "    longest = float('nan')\n",
+            "stepper one: longest must be positive, got nan",
+        ),
+        (
+            RK + EULER.format("A", "one") + "    def __init__(self, model, dt, x=3): pass\n",
+            "stepper one: option x lacks its type or default",
+        ),
     ],
 )
 def test_a_bad_file_is_one_clear_line(here, text: str | None, message: str) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
-from swe_sphere.equations.effects import Tracers
+from swe_sphere.equations.effects import MASSES, Forcing, PointwiseEffect, Relaxation, Tracers
 from swe_sphere.equations.model import Model
+from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import norms
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
@@ -185,3 +186,34 @@ def test_smooth_tracers_keep_their_order():
     for free, bounded in zip(errors[0], errors[1], strict=True):
         assert bounded < 1.5 * free
     assert errors[1][0] / errors[1][1] > 2.0**2.8
+
+
+def test_sources_of_depth_have_no_limiter(mesh):
+    """They change mixing ratios, so that the initial range is no bound."""
+
+    @dataclass(frozen=True)
+    class Sink(PointwiseEffect):
+        name = "sink"
+        conserves = MASSES
+        k: float = 1e-5
+
+        @staticmethod
+        def depth_tendency(c, i, u, v, h):
+            return -c.k * h
+
+    def wind_alone(lon, lat, t):
+        return 1e-6 + 0.0 * lat, 0.0 * lat, 0.0 * lat
+
+    def depth_too(lon, lat, t):
+        return 1e-6 + 0.0 * lat, 0.0 * lat, 1e-3 + 0.0 * lat
+
+    flow = with_cylinders(get_scene("williamson2"))
+    scenes = (
+        flow.with_effect(Relaxation(1e5)), flow.with_effect(Sink()),
+        replace(flow, effects=(*flow.effects, Forcing()), forcing=depth_too),
+    )  # fmt: skip
+    for scene in scenes:
+        with pytest.raises(ConfigError, match="sources of depth change mixing ratios"):
+            STEPPERS["rk4"](Model(mesh, scene), 100.0).step()
+    forced = replace(flow, effects=(*flow.effects, Forcing()), forcing=wind_alone)
+    assert Model(mesh, forced).limiter is not None

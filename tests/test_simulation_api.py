@@ -634,10 +634,31 @@ def test_a_rounded_interval_of_a_callback_stands_for_a_fraction_of_an_hour():
 
 
 def test_a_callback_must_be_callable():
-    with pytest.raises(ConfigError, match="a callback must be a function, got 3"):
-        small().run(days=0.1, callbacks=[3])
+    def deferred(sim):
+        yield sim
+
+    async def later(sim):
+        pass
+
+    for each in (3, deferred, later):
+        with pytest.raises(ConfigError, match="a callback must be a plain function, got"):
+            small().run(days=0.1, callbacks=[each])
     with pytest.raises(ConfigError, match="callbacks: give a list of functions, got <built-in"):
         small().run(days=0.1, callbacks=print)
+
+
+def test_a_callback_leaves_the_length_of_steps():
+    def shorten(sim):
+        sim.stepper.dt = 0.5 * sim.stepper.dt
+
+    summary = small().run(days=0.25, callbacks=[every(3)(shorten)])
+    assert summary.status == "failed" and summary["steps"] == 3
+    assert "shorten has stepped, run or reset the simulation or changed its dt" in summary.reason
+
+
+def test_effects_are_given_once():
+    with pytest.raises(ConfigError, match="effects: drag is listed twice"):
+        Simulation("williamson2", effects=[Drag(linear=1e-4), Drag(quadratic=1e-9)])
 
 
 def test_an_observer_may_be_among_the_callbacks():

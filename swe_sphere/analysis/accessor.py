@@ -215,7 +215,7 @@ class Analysis:
             raise ConfigError("the two runs have no common time")
         at = ours.sampler(*theirs.points)
         found: dict[str, list[float]] = {}
-        names = [fields] if isinstance(fields, str) or not np.iterable(fields) else [*fields]
+        names = [fields] if isinstance(fields, str) or not np.iterable(fields) else {*fields}
         for k, j in pairs:
             left, right = ours.fields(k), theirs.fields(j)
             for field in names:
@@ -293,10 +293,8 @@ class Frames(Nodal):
         if others := set(data["h"].dims if "h" in data else ()) - {"node"}:
             raise ConfigError(f"choose one of {', '.join(map(str, others))} (isel) first")
         wanted = data.data_vars if names is None else names
-        return {
-            str(name): data[name].values for name in wanted
-            if name in data and data[name].dims == ("node",)
-        }  # fmt: skip
+        nodal = [name for name in wanted if name in data and data[name].dims == ("node",)]
+        return {str(name): data[name].values for name in nodal}
 
 
 def truncation(mesh: Mesh) -> int:

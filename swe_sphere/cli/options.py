@@ -64,11 +64,7 @@ def with_flags(
 def given(values: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]:
     """Return the fields of the model that the user gave."""
     absent: tuple[object, ...] = (None, [], ())
-    return {
-        name: value
-        for name, value in values.items()
-        if name in model.model_fields and value not in absent
-    }
+    return {k: x for k, x in values.items() if k in model.model_fields and x not in absent}
 
 
 def _parameter(model: type[BaseModel], name: str, argument: str) -> inspect.Parameter:

@@ -384,10 +384,7 @@ def checked_functions(given: Mapping[str, Any]) -> dict[str, Any]:
         if given[name] is not None or name == "initial"
     }
     if tracers is not None:
-        functions["tracers"] = {
-            name: _Function(f"{scene}: tracer {name}", function)
-            for name, function in tracers.items()
-        }
+        functions["tracers"] = {x: _Function(f"{scene}: tracer {x}", f) for x, f in tracers.items()}
     if exact is not None:
         label = f"{scene}: exact_tracers"
         functions["exact_tracers"] = _Function(label, exact, (*tracers,), True, True)

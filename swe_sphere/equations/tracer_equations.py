@@ -8,7 +8,7 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.discrete_scene import DiscreteScene
-from swe_sphere.equations.effects import Tracers
+from swe_sphere.equations.effects import PointwiseEffect, Tracers
 from swe_sphere.equations.right_hand_side import Operation, element_terms, term_operations
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
@@ -88,6 +88,12 @@ class TracerEquations:
             return None
         if not scene.initial(mesh.lon, mesh.lat)[2].min() > 0.0:
             raise ConfigError(f"{scene.name}: tracers.limiter needs a positive depth everywhere")
+        pointwise = (e for e in scene.effects if isinstance(e, PointwiseEffect))
+        forced = scene.forcing is not None and np.any(scene.forcing(mesh.lon, mesh.lat, 0.0)[2])
+        if forced or any(effect.tendencies[1] for effect in pointwise):
+            raise ConfigError(
+                f"{scene.name}: sources of depth change mixing ratios: leave out tracers.limiter"
+            )
         ratios = np.stack([*mixing_ratios(scene, mesh).values()])
         bounds = ratios.min(axis=1), ratios.max(axis=1)
         return Limiter(self._model.device_mesh, self.depth, self.first, *bounds)

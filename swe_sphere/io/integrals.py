@@ -145,10 +145,8 @@ def drifts(start: Mapping[str, float], now: Mapping[str, float]) -> dict[str, fl
     Changes of the angular momentum are relative to the length of the vector.
     """
     scales = {**start, **dict.fromkeys(MOMENTA, math.hypot(*(start[name] for name in AXES)))}
-    return {
-        name: (now[key] - start[key]) / scales[key] if scales[key] else float("nan")
-        for name, key in DRIFTS.items()
-    }
+    pairs = {name: (now[key] - start[key], scales[key]) for name, key in DRIFTS.items()}
+    return {name: change / x if x else math.nan for name, (change, x) in pairs.items()}
 
 
 def courant_numbers(mesh: Mesh, dt: float, now: Mapping[str, float]) -> dict[str, float]:

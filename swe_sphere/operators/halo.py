@@ -33,9 +33,8 @@ class Buffer:
             self._here = wp.empty(places.size, dtype=array.dtype, device="cpu", pinned=not on_cpu)
         threads = 1 if on_cpu else places.size
         arguments = [array, wp.array(places, dtype=wp.int32, device=device), self._there, threads]
-        self._pack, self._unpack = (
-            partial(launch, kernel, threads, *arguments) for kernel in kernels
-        )
+        launches = (partial(launch, kernel, threads, *arguments) for kernel in kernels)
+        self._pack, self._unpack = launches
         ends = np.cumsum([0, *(p.size for p in positions.values())], dtype=int).tolist()
         self.of_rank = {
             rank: message(self._here[begin:end])

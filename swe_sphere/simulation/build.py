@@ -78,6 +78,9 @@ def read_arguments(
     added = tuple(added) if isinstance(added, Iterable) else (added,)
     if not all(isinstance(effect, Effect) for effect in added):
         raise _unfit("effects", "parameters {'viscosity.nu': 1e5}, or a list of Effects", effects)
+    for name in {effect.name for effect in added}:
+        if len([effect for effect in added if effect.name == name]) > 1:
+            raise ConfigError(f"effects: {name} is listed twice")
     objects: dict[str, Any] = {"effects": added}
     if (initial := values.pop("initial", None)) is not None:
         (values if isinstance(initial, str | Path) else objects)["initial"] = initial

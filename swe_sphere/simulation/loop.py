@@ -100,11 +100,12 @@ class Loop:
             for observer in self.observers:
                 is_end = steps == self.plan.steps and observer.sees_end
                 if is_end or notify(observer, "due", steps):
+                    dt = self.sim.stepper.dt
                     if may_change := _may_change_states(observer):
                         self.sim.known_state = self.sim.stepper.state.numpy().copy()
                     notify(observer, "observe", self.sim.snapshot)
-                    if self.sim.steps != steps:
-                        what = "has stepped, run or reset the simulation during its run"
+                    if self.sim.steps != steps or self.sim.stepper.dt != dt:
+                        what = "has stepped, run or reset the simulation or changed its dt"
                         raise RunFailed(f"{label(observer)} {what}: do so after the run")
                     if may_change:
                         self.health.observe(self.sim.snapshot, observer)

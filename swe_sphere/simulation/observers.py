@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from inspect import iscoroutinefunction, isgeneratorfunction
 from numbers import Real
 from typing import Any
 
@@ -145,9 +146,6 @@ class HealthCheck(Observer):
         growth = (norm / self._expected_norm) ** 2
         if growth > self._growth:
             raise self._unstable(f"the energy has grown {growth:.3g} times", snapshot)
-        lost = abs(self._space.dot(state, self._unit_depth) - self._mass) / self._mass_scale
-        if self._conserves and lost > LOST_MASS:
-            raise self._unstable(f"the total mass has changed by {100.0 * lost:.3g} %", snapshot)
         if self._tendency is not None:
             self._tendency(state, time, self._rate)
             change = DAY * abs(self._space.dot(self._rate, self._unit_depth)) / self._mass_scale
@@ -157,6 +155,9 @@ class HealthCheck(Observer):
                     f" {100.0 * change:.3g} % a day at day {time / DAY:.4g}, but its `conserves`"
                     ' contains "mass": leave it out, as implicit steppers restore that mass'
                 )
+        lost = abs(self._space.dot(state, self._unit_depth) - self._mass) / self._mass_scale
+        if self._conserves and lost > LOST_MASS:
+            raise self._unstable(f"the total mass has changed by {100.0 * lost:.3g} %", snapshot)
 
     def _unstable(self, failure: str, snapshot: Snapshot) -> Unstable:
         failure = f"{failure} at day {snapshot.time / DAY:.4g} (step {snapshot.steps})"
@@ -407,8 +408,9 @@ class Callback(Observer):
     sees_end = False
 
     def __post_init__(self) -> None:
-        if not callable(self.function):
-            raise ConfigError(f"a callback must be a function, got {self.function!r}")
+        deferred = isgeneratorfunction(self.function) or iscoroutinefunction(self.function)
+        if deferred or not callable(self.function):
+            raise ConfigError(f"a callback must be a plain function, got {self.function!r}")
 
     def check(self, plan: RunPlan) -> None:
         """Raise ConfigError if a call is due in the middle of steps that are taken together."""

@@ -114,9 +114,8 @@ class ImexRungeKutta(ImexStepper):
         self._full = [stack[i] for i in range(stages)]
         self._linear = [stack[stages + i] for i in range(stages)]
         self.slopes = wp.zeros((stages, mesh.size), dtype=mesh.real, device=model.device)
-        self._rhs, self._change, self._stage, self._known, self._nothing = (
-            model.zeros() for _ in range(5)
-        )
+        states = (model.zeros() for _ in range(5))
+        self._rhs, self._change, self._stage, self._known, self._nothing = states
         self._guess = wp.zeros_like(self.slopes[0])
         self._depths = VectorSpace(model.mesh.area, mesh=mesh)
         a_e, a_i = tableau(self.explicit, stages), tableau(self.implicit, stages)

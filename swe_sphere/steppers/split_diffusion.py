@@ -129,9 +129,8 @@ class SplitPenalty:
         limits = {None: (MIDPOINT, MIDPOINT), 1: (0.7, 1.0)}
         longest_cycle, longest_part = limits.get(levels, (0.5, 1.0))
         radius, rotation = model.penalty_radius, abs(model.scene.planet.rotation)
-        longest = min(
-            a / b if b else math.inf for a, b in ((longest_cycle, radius), (0.75, rotation))
-        )
+        rates = (longest_cycle, radius), (0.75, rotation)
+        longest = min(a / b if b else math.inf for a, b in rates)
         self.every = max(2, 2 * int(min(longest / (2.0 * dt), LONGEST_CYCLE // 2)))
         self._parts = penalty_parts(self.every * dt * radius / longest_part, dt)
         self._tau = self.every * dt / self._parts

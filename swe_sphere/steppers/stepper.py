@@ -1,5 +1,7 @@
 """Base of all steppers, which advance their state by one step at a time."""
 
+import inspect
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import nullcontext
@@ -12,6 +14,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
+from swe_sphere.equations.effects import as_float
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import SpectralRadii
 from swe_sphere.errors import ConfigError, NotCopyable
@@ -220,6 +223,13 @@ class Stepper(Trajectory, ABC):
                 cls.complete()
             except (AttributeError, TypeError, ValueError) as error:
                 raise ConfigError(f"stepper {cls.name}: invalid coefficients: {error}") from None
+            for name in ("safety", "courant", "longest", "reach"):
+                if not 0.0 < as_float(value := getattr(cls, name)) < math.inf:
+                    raise ConfigError(f"stepper {cls.name}: {name} must be positive, got {value!r}")
+            for option in [*inspect.signature(cls).parameters.values()][2:]:
+                if option.empty in (option.annotation, option.default):
+                    lacks = f"option {option.name} lacks its type or default"
+                    raise ConfigError(f"stepper {cls.name}: {lacks}")
             STEPPERS.add(cls)
 
     @classmethod

@@ -46,9 +46,7 @@ class Section:
     @cached_property
     def figures(self) -> list[list[Picture]]:
         """Figures of the error of each ranking."""
-        return [
-            [*error_pictures(self.runs, of.metric, self.name, of.floor)] for of in self.rankings
-        ]
+        return [[*error_pictures(self.runs, x.metric, self.name, x.floor)] for x in self.rankings]
 
     @cached_property
     def others(self) -> list[Picture]:

@@ -224,9 +224,8 @@ class Sweep:
         if self._plan.jobs > 1 or first is None or first.status != "completed":
             return False
         repeats = self._runner.repeats(run)
-        times = sorted(
-            of.seconds for of in repeats if of.status == "completed" and math.isfinite(of.seconds)
-        )
+        completed = (each.seconds for each in repeats if each.status == "completed")
+        times = sorted(filter(math.isfinite, completed))
         if len(repeats) > MOST_REPEATS * wanted:  # some of which failed
             return False
         agree = wanted < 2 or (len(times) > 1 and times[1] <= (1.0 + REPEATABLE) * times[0])

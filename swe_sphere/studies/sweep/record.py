@@ -189,9 +189,7 @@ def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
             with np.errstate(divide="ignore", invalid="ignore"):
                 data["spread"] = ("run", times[:, 1] / times[:, 0] - 1.0, about)
     data["error"] = _errors([last[key, 0] for key in runs.index])
-    attributes = {
-        name: json.dumps(value) if isinstance(value, dict) else value for name, value in header
-    }
+    attributes = {k: json.dumps(x) if isinstance(x, dict) else x for k, x in header}
     attributes["title"] = f"time steps and cost: {header.title}"
     asked = [run for run in records if run.config.days == header.plan.get("days", run.config.days)]
     attributes["converged_dt"], attributes["converged_check"] = _converged(asked)
