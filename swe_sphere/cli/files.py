@@ -135,7 +135,7 @@ def compare(
 
 def regrid(
     file: File,
-    grid: str = option("latlon:ROWSxCOLUMNS|gaussian:N", "The grid (N: 2N x 4N).", "latlon:181x360"),
+    grid: str = option("latlon:ROWSxCOLUMNS|gaussian:N", "Grid (N: 2N x 4N).", "latlon:181x360"),
     out: Path | None = option("FILE.nc|FILE.zarr", "The result (beside: FILE_GRID.nc)."),
     fields: str | None = option("A,B,...", "Variables to write (default: all)."),
     overwrite: bool = flag("overwrite", "Replace an existing file."),
