@@ -174,7 +174,7 @@ def substitute_kernel(given: Any) -> Any:
 
     @kernel
     def substitute(
-        begin: int, places: Places, place: Numbers, inverse_area: vector, same: vector,
+        begin: int, places: Places, first_copies: Numbers, inverse_area: vector, same: vector,
         cross: vector, size: int, east: vector, north: vector, h: vector, r: state_vector,
         tau_g: real, out: state_vector,
     ):  # fmt: skip
@@ -186,7 +186,7 @@ def substitute_kernel(given: Any) -> Any:
         c = load(cross, node)
         put_as(out, node, mul(s, u) + mul(c, v))
         put_as(out, size + node, mul(s, v) - mul(c, u))
-        put_as(out, 2 * size + node, pick(h, place, node))
+        put_as(out, 2 * size + node, pick(h, first_copies, node))
 
     return substitute
 
@@ -201,7 +201,7 @@ def to_field(begin: int, node: nodes, x: state_vector, out: local):
 
 
 @kernel
-def to_nodes(begin: int, place: Numbers, flat: vector, out: state_vector):
+def to_nodes(begin: int, first_copies: Numbers, flat: vector, out: state_vector):
     """Copy a field to a nodal vector (N,)."""
     node = begin + wp.tid()
-    out[node] = given(flat[place[node]])
+    out[node] = given(flat[first_copies[node]])

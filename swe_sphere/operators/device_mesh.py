@@ -190,7 +190,7 @@ class DeviceMesh(NotCopyable):
         return wp.array(places, dtype=Contributors, device=self.device)
 
     @functools.cached_property
-    def place(self) -> wp.array:
+    def first_copies(self) -> wp.array:
         """Offset (N,) of each node in a local field, in this rank's first element that has it."""
         around = self.places(1).numpy()
         is_own = (around >= 0) & (around < self.groups * self.points * self.lanes)

@@ -182,7 +182,7 @@ class SchurOperator:
     def to_nodes(self, x: Field, out: wp.array) -> None:
         """Copy a field, with the same bits in all elements of a node, to a nodal vector (N,)."""
         _, kernel = self._passages(out.dtype)
-        self.mesh.launch_over_fields(kernel, self.size, self.mesh.place, x.flat, out)
+        self.mesh.launch_over_fields(kernel, self.size, self.mesh.first_copies, x.flat, out)
 
     def put(self, values: Array, x: Field) -> None:
         """Copy values (N,) from the host to a field."""
@@ -226,8 +226,9 @@ class SchurOperator:
             r = self.damping.state
         self._differentiate(h)
         self._substituted(
-            self.mesh.places(1), self.mesh.place, self.mesh.inverse_area, self._same, self._cross,
-            self.size, self._east.flat, self._north.flat, h.flat, r, self.tau * self.gravity, out,
+            self.mesh.places(1), self.mesh.first_copies, self.mesh.inverse_area, self._same,
+            self._cross, self.size, self._east.flat, self._north.flat, h.flat, r,
+            self.tau * self.gravity, out,
         )  # fmt: skip
         if self.damping is not None:
             self.damping.damp_depth(h, out)

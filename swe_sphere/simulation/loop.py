@@ -154,7 +154,7 @@ class Loop:
         if not stepper.can_give_up:
             self.sim.take(most)
             return
-        restore = stepper.keep()
+        restore = stepper.restore_point()
         token = stop_is_asked.set(self._is_asked_to_stop)
         try:
             self.sim.take(1)

@@ -14,7 +14,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.solvers.gravity_waves import advection_rate
 from swe_sphere.steppers.runge_kutta import RK4
-from swe_sphere.steppers.stability import NO_GROWTH, Complex, largest_eigenvalue, largest_step
+from swe_sphere.steppers.stability import NO_GROWTH, Complex, largest_moduli, largest_step
 from swe_sphere.steppers.stepper import Stepper
 
 INTERVALS = 18
@@ -96,7 +96,7 @@ class FlowLimitStepper(Stepper):
         def factor(z_wave: Complex, z_dissipation: Complex) -> Array:
             z, loss = z_wave[..., None], z_dissipation[..., None]
             steps = (cls.propagator(share, waves * z, winds * z, loss) for waves, winds in cases)
-            return np.asarray(np.max([largest_eigenvalue(s) for s in steps], axis=0))
+            return np.asarray(np.max([largest_moduli(s) for s in steps], axis=0))
 
         return largest_step(
             factor, wave, radii.dissipation, cls.reach, WEAK if share else NO_GROWTH, cls.looks

@@ -202,7 +202,7 @@ class VariableStepper(Stepper):
                 done += 1
                 continue
             if parts == 1:
-                restore = self.keep()
+                restore = self.restore_point()
             self.counters["rejected_steps"] += 1
             done, parts = 2 * done, 2 * parts
             if parts > MOST_STEP_PARTS:

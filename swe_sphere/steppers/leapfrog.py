@@ -12,7 +12,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.vectors import leapfrog
 from swe_sphere.steppers.imex_runge_kutta import ARK2, ImexStepper
 from swe_sphere.steppers.runge_kutta import RK4
-from swe_sphere.steppers.stability import Complex, largest_eigenvalue
+from swe_sphere.steppers.stability import Complex, largest_moduli
 from swe_sphere.steppers.stepper import Stepper
 
 
@@ -172,4 +172,4 @@ def filtered_factor(old: Complex, new: Complex) -> Array:
     future = np.stack(np.broadcast_arrays(old, new), axis=-1)
     moved = half * (past - 2.0 * present + future)
     step = np.stack([present + share * moved, future - (1.0 - share) * moved], axis=-2)
-    return largest_eigenvalue(step)
+    return largest_moduli(step)

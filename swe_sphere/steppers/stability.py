@@ -154,6 +154,6 @@ def runge_kutta_factor(b: Array, *parts: tuple[Array, Complex]) -> Array:
     return np.asarray(np.abs(1.0 + sum(stacked) * (stages @ b)))
 
 
-def largest_eigenvalue(step: Complex) -> Array:
+def largest_moduli(step: Complex) -> Array:
     """Return the largest modulus of the eigenvalues of matrices (..., n, n)."""
     return np.asarray(np.abs(np.linalg.eigvals(step)).max(axis=-1))

@@ -127,7 +127,7 @@ class Trajectory(NotCopyable):
         if self.solver is not None:
             self.solver.load_numbers(saved)
 
-    def keep(self) -> Callable[[], None]:
+    def restore_point(self) -> Callable[[], None]:
         """Return a function that restores the present state; arrays are kept on the device."""
         kept = {name: wp.clone(array) for name, array in self.restart_arrays().items()}
         numbers, steps = self.numbers(), self.steps
@@ -414,7 +414,7 @@ class CheckedReplay(Replay):
             super().__call__(key, block, *arguments)
             return
         arrays, counted = self._stepper.arrays(), dict(self._counters)
-        restore = self._stepper.keep()
+        restore = self._stepper.restore_point()
         super().__call__(key, block, *arguments)
         self._checked.add(key)
         repeated = [array.numpy().copy() for array in arrays.values()]
