@@ -178,7 +178,7 @@ def test_errors_against_a_run_on_another_mesh(data, mesh):
     assert float(data.swe.error_norms(theirs).linf_wind.item()) < 1e-6
     theirs["h"] *= 1.01
     found = data.swe.error_norms(theirs, ["h", "h"])
-    assert sorted(found) == ["l1_h", "l2_h", "linf_h"]
+    assert [*found] == ["l1_h", "l2_h", "linf_h"]
     assert found.l2_h.item() == pytest.approx(0.01 / 1.01, rel=1e-4)
     assert (data.swe.error_norms(data).to_array() == 0.0).all()
     with pytest.raises(ConfigError, match="no common time"):

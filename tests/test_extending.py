@@ -186,7 +186,7 @@ def test_the_same_file_gives_the_same_class_until_it_is_edited(here) -> None:
         ),
         (
             RK + EULER.format("A", "one") + "    def __init__(self, model, dt, x=3): pass\n",
-            "stepper one: option x lacks its type or default",
+            "stepper one: option x lacks type or default",
         ),
     ],
 )

@@ -213,7 +213,7 @@ def test_sources_of_depth_have_no_limiter(mesh):
         replace(flow, effects=(*flow.effects, Forcing()), forcing=depth_too),
     )  # fmt: skip
     for scene in scenes:
-        with pytest.raises(ConfigError, match="sources of depth change mixing ratios"):
+        with pytest.raises(ConfigError, match="has sources of depth: leave"):
             STEPPERS["rk4"](Model(mesh, scene), 100.0).step()
     forced = replace(flow, effects=(*flow.effects, Forcing()), forcing=wind_alone)
     assert Model(mesh, forced).limiter is not None

@@ -12,7 +12,7 @@ import xarray as xr
 
 from swe_sphere import Output, Simulation, every, open_run
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.planet import HOUR
+from swe_sphere.planet import DAY, HOUR
 
 SMALL = {"ne": 2, "np": 4, "dt": 1800.0, "every": 6.0}
 TABLES = """
@@ -298,6 +298,16 @@ def test_further_files_that_were_moved_with_a_run_are_continued(swe, tmp_path, m
     shutil.copy(old / "wind.nc", new / "wind.nc")
     with pytest.warns(UserWarning, match=r"wind\.nc lacks the frames before day 0\.75"):
         Simulation.from_checkpoint(new / "run.nc").run(days=1, out=new / "run.nc")
+
+
+def test_a_further_file_named_like_the_file_of_the_run_stays_where_it_is(tmp_path):
+    (tmp_path / "other").mkdir()
+    outputs = [Output(tmp_path / "other" / "run.nc", fields="h")]
+    simulation().run(days=0.25, out=tmp_path / "run.nc", outputs=outputs)
+    for file in ("run.nc", "run.nc.restart"):
+        sim = Simulation.from_checkpoint(tmp_path / file)
+        sim.run(days=sim.time / DAY + 0.25, out=tmp_path / "run.nc")
+    assert hours(tmp_path / "run.nc") == hours(tmp_path / "other" / "run.nc") == [0, 6, 12, 18]
 
 
 @pytest.mark.skipif(find_spec("zarr") is None, reason="zarr is not installed")

@@ -640,7 +640,14 @@ def test_a_callback_must_be_callable():
     async def later(sim):
         pass
 
-    for each in (3, deferred, later):
+    async def later_again(sim):
+        yield sim
+
+    class Deferred:
+        def __call__(self, sim):
+            yield sim
+
+    for each in (3, deferred, later, later_again, Deferred()):
         with pytest.raises(ConfigError, match="a callback must be a plain function, got"):
             small().run(days=0.1, callbacks=[each])
     with pytest.raises(ConfigError, match="callbacks: give a list of functions, got <built-in"):

@@ -215,7 +215,8 @@ class Analysis:
             raise ConfigError("the two runs have no common time")
         at = ours.sampler(*theirs.points)
         found: dict[str, list[float]] = {}
-        names = [fields] if isinstance(fields, str) or not np.iterable(fields) else {*fields}
+        one = isinstance(fields, str) or not np.iterable(fields)
+        names = dict.fromkeys([str(fields)] if one else fields)
         for k, j in pairs:
             left, right = ours.fields(k), theirs.fields(j)
             for field in names:

@@ -16,6 +16,7 @@ from swe_sphere.kernels import Terms
 from swe_sphere.kernels.tracers import mass_flux, surface, surface_tangent
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.tracers import Limiter, MixingRatio, TracerTransport
+from swe_sphere.planet import DAY
 
 TRANSPORT = ("all", "conservative", "tangent")
 """Components of a right-hand side that contain transport; the others contain only dissipation."""
@@ -89,11 +90,10 @@ class TracerEquations:
         if not scene.initial(mesh.lon, mesh.lat)[2].min() > 0.0:
             raise ConfigError(f"{scene.name}: tracers.limiter needs a positive depth everywhere")
         pointwise = (e for e in scene.effects if isinstance(e, PointwiseEffect))
-        forced = scene.forcing is not None and np.any(scene.forcing(mesh.lon, mesh.lat, 0.0)[2])
+        at, times = scene.forcing, (0.0, 0.4 * scene.days * DAY)
+        forced = at is not None and any(np.any(at(mesh.lon, mesh.lat, t)[2]) for t in times)
         if forced or any(effect.tendencies[1] for effect in pointwise):
-            raise ConfigError(
-                f"{scene.name}: sources of depth change mixing ratios: leave out tracers.limiter"
-            )
+            raise ConfigError(f"{scene.name} has sources of depth: leave tracers.limiter out")
         ratios = np.stack([*mixing_ratios(scene, mesh).values()])
         bounds = ratios.min(axis=1), ratios.max(axis=1)
         return Limiter(self._model.device_mesh, self.depth, self.first, *bounds)

@@ -170,7 +170,7 @@ def _create(path: Path, folder: bool = False, tries: int = 5) -> tuple[int, Path
 @contextmanager
 def building(path: Path) -> Iterator[Path]:
     """Yield a name in a temporary folder; what the block builds there is renamed at the end."""
-    path = path.resolve() if path.is_symlink() else path
+    name, path = path.name, path.resolve() if path.is_symlink() else path
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise ConfigError(f"cannot write {path}: it is not a file")
     _remove_unfinished(path)
@@ -178,7 +178,7 @@ def building(path: Path) -> Iterator[Path]:
     try:
         if path.exists():
             release(_locked(path, os.O_RDONLY, path))
-        yield (part := place / path.name)
+        yield (part := place / name)
         take_place(part, path)
     finally:
         release(file)

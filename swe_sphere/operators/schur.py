@@ -68,9 +68,8 @@ class Damping:
         self._longest = MOST_DAMPING / strongest if strongest > 0.0 else math.inf
         jacobian = mesh.mesh.jacobian[mesh.part.element_numbers]
         self._mass = mesh.on_elements(mesh.mesh.quadrature * jacobian)
-        self._ones, self._once, self._twice = (
-            mesh.on_elements(np.ones_like(jacobian)) for _ in range(3)
-        )
+        ones = np.ones_like(jacobian)
+        self._ones, self._once, self._twice = (mesh.on_elements(ones) for _ in range(3))
         self._first, self._east, self._north = (mesh.local(1, self._mass.dtype) for _ in range(3))
         self._second = mesh.unshared(1, self._mass.dtype)
         self.state = wp.zeros(3 * mesh.size, dtype=given, device=mesh.device)
@@ -157,9 +156,8 @@ class SchurOperator:
         self._local = mesh.local(1, self._value)
         self._slopes, rows = mesh.local(1, self._value, 2), mesh.rows // mesh.points
         self._east, self._north = (mesh.field(self._slopes.values[i : i + rows]) for i in (0, rows))
-        self._same, self._cross, self._nodal = (
-            wp.zeros(self.size, dtype=mesh.real, device=mesh.device) for _ in range(3)
-        )
+        fields = (wp.zeros(self.size, dtype=mesh.real, device=mesh.device) for _ in range(3))
+        self._same, self._cross, self._nodal = fields
         self.damping = None if damping is None else Damping(mesh, damping, given)
         """Operator F of implicit diffusion; None without diffusion."""
         self._gradient, self._wind_fluxes, self._slope_fluxes, *others = mesh.launch.compile(

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from inspect import iscoroutinefunction, isgeneratorfunction
+from inspect import isasyncgenfunction, iscoroutinefunction, isgeneratorfunction
 from numbers import Real
 from typing import Any
 
@@ -76,6 +76,8 @@ CHECK_STEPS, MOST_PARTS = 16, 1000
 """Steps between health checks, and largest number of times at which a check sees a forcing."""
 RUNAWAY = 10.0
 """Growth of the energy that effects do not explain, and that every unstable run exceeds."""
+DEFERRED = isgeneratorfunction, iscoroutinefunction, isasyncgenfunction
+"""Tests for functions of which a call runs no code."""
 LOST_MASS = 1e-3
 """Relative change of the total mass that no method causes where all effects conserve it."""
 MASS_ROUNDING = {"float64": 1e-9, "float32": 1e-3}
@@ -408,8 +410,8 @@ class Callback(Observer):
     sees_end = False
 
     def __post_init__(self) -> None:
-        deferred = isgeneratorfunction(self.function) or iscoroutinefunction(self.function)
-        if deferred or not callable(self.function):
+        calls = self.function, getattr(self.function, "__call__", None)  # noqa: B004 - of objects
+        if not callable(self.function) or any(test(x) for test in DEFERRED for x in calls):
             raise ConfigError(f"a callback must be a plain function, got {self.function!r}")
 
     def check(self, plan: RunPlan) -> None:

@@ -194,9 +194,10 @@ class Restart:
         """Return the path of a further file: that beside the run's file if both were moved."""
         from swe_sphere.io.runfile import RunFile
 
+        run, ours = self.attributes.get("run_id"), self.path.name.removesuffix(".restart")
         beside = self.path.absolute().with_name(path.name)
         with suppress(ConfigError):
-            if RunFile(beside).attributes["run_id"] == self.attributes["run_id"]:
+            if path.name != ours and RunFile(beside).attributes.get("run_id", "") == run:
                 return beside
         return path
 

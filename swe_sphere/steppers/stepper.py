@@ -226,10 +226,10 @@ class Stepper(Trajectory, ABC):
             for name in ("safety", "courant", "longest", "reach"):
                 if not 0.0 < as_float(value := getattr(cls, name)) < math.inf:
                     raise ConfigError(f"stepper {cls.name}: {name} must be positive, got {value!r}")
-            for option in [*inspect.signature(cls).parameters.values()][2:]:
-                if option.empty in (option.annotation, option.default):
-                    lacks = f"option {option.name} lacks its type or default"
-                    raise ConfigError(f"stepper {cls.name}: {lacks}")
+            for name, x in [*inspect.signature(cls).parameters.items()][2:]:
+                named = x.kind not in (x.VAR_POSITIONAL, x.VAR_KEYWORD)
+                if named and x.empty in (x.annotation, x.default):
+                    raise ConfigError(f"stepper {cls.name}: option {name} lacks type or default")
             STEPPERS.add(cls)
 
     @classmethod

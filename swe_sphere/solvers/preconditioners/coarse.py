@@ -280,9 +280,8 @@ class CoarseCorrection:
         self._longest = longest_waves(mesh, bases[0])
         count, (smooth, few) = sum(basis.shape[1] for basis in bases), self._longest.shape
         self._part = CoarsePart(operator, spaces, gradients)
-        self._b, self._r, self._d, self._new, self._found = (
-            vector(operator.mesh, self._part.functions.size) for _ in range(5)
-        )
+        vectors = (vector(operator.mesh, self._part.functions.size) for _ in range(5))
+        self._b, self._r, self._d, self._new, self._found = vectors
         self._few = vector(operator.mesh, few), vector(operator.mesh, few)
         here = self._part.rows(_filled(self._longest, (count, few)))
         self._spread = TallMatrix(operator.mesh, here)

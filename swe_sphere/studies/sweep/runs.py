@@ -287,10 +287,8 @@ class Study:
             takes = inspect.signature(get_stepper(stepper)).parameters
             tolerance = self.plan.tolerance if "tolerance" in takes else None
             names = self.plan.preconditioner if "preconditioner" in takes else ()
-            found += [
-                self.setup(space, stepper, tolerance=tolerance, preconditioner=name)
-                for name in names or (None,)
-            ]
+            for name in names or (None,):
+                found.append(self.setup(space, stepper, tolerance=tolerance, preconditioner=name))
         return [*dict.fromkeys(found)]
 
     def setup(self, space: Discretisation, stepper: str, **options: object) -> Setup:
