@@ -20,9 +20,10 @@ from swe_sphere.kernels.terms import Terms, geometry, np_
 
 @functools.cache
 def transport(tangent: bool = False) -> Formula:
-    """Return the formula of -div(m V), with m = x[at:] and the wind V of a, rounded as there.
+    """Return the formula of -div(m V), with m = x[at:] and the wind V of a.
 
-    The tangent is -div(m' V + m V'), with (V, m) of the state a and (V', m') of x.
+    The tangent is -div(m' V + m V'), with (V, m) of the state a and (V', m') of x. Both are
+    rounded as in `vector_invariant`.
     """
     (winds, load_winds), first = winds_at(own=tangent, base=True), 2 * tangent
 

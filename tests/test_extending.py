@@ -110,7 +110,7 @@ def test_the_low_storage_limit_is_that_of_all_methods_of_order_and_stages_three(
         assert get_stepper(file).stable_dt(SpectralRadii(1e-3)) == pytest.approx(limit, rel=1e-3)
 
 
-def test_a_stepper_without_growth_is_one_line(here) -> None:
+def test_a_stepper_without_amplification_is_one_line(here) -> None:
     text = EXAMPLES["low_storage.py"].split("    @classmethod")[0]
     Path("low_storage.py").write_text(text)
     with pytest.raises(ConfigError, match=r"stepper low-storage defines no `amplification\("):
@@ -178,11 +178,11 @@ def test_the_same_file_gives_the_same_class_until_it_is_edited(here) -> None:
         ),
         (
             RK + EULER.format("A", "one") + "    safety = -1.0\n",
-            "stepper one: safety must be positive, got -1.0",
+            "stepper one: safety must be above 0, got -1.0",
         ),
         (
             RK + EULER.format("A", "one") + "    longest = float('nan')\n",
-            "stepper one: longest must be positive, got nan",
+            "stepper one: longest must be above 0, got nan",
         ),
         (
             RK + EULER.format("A", "one") + "    def __init__(self, model, dt, x=3): pass\n",

@@ -63,7 +63,7 @@ def test_rate_and_frequency_are_divided_differences_whatever_the_steps(times) ->
     assert motion.frequencies[0] == pytest.approx(first, rel=1e-12)
 
 
-def test_second_frequency_is_of_the_change_of_the_bend() -> None:
+def test_second_frequency_is_of_the_change_of_the_curvature() -> None:
     """With equal steps; x'' is that of the middle of the last three times."""
     motion = observed([0.0, 0.01, 0.02, 0.03])
     assert motion.frequencies[1] == pytest.approx(1500.0 / np.hypot(4.0, 1500.0 * 0.02), rel=1e-9)

@@ -322,6 +322,13 @@ def test_a_store_with_foreign_files_is_not_replaced(swe, tmp_path, monkeypatch):
         assert status == 2 and "run.zarr contains notes.txt" in err
     status, _, err = swe(*run[:-1], "run.zarr/inner.nc")
     assert status == 2 and "run.zarr is a Zarr store" in err
+    (tmp_path / "run.zarr" / "h" / "inner.txt").write_text("precious")
+    notes.unlink()
+    status, _, err = swe(*run, "--restart", "run.zarr", "--days", 0.5)
+    assert status == 2 and "run.zarr contains inner.txt" in err
+    (tmp_path / "run.zarr" / "h" / "inner.txt").rename(notes)
+    status, _, err = swe("plot", "run.zarr", "--out", "run.zarr/h/h.png")
+    assert status == 2 and "run.zarr is a Zarr store" in err
     regrid = "regrid", "run.zarr", "--grid", "latlon:7x12", "--overwrite", "--out"
     (tmp_path / "folder.zarr").mkdir()
     (tmp_path / "folder.zarr" / "thesis.txt").write_text("precious")

@@ -486,6 +486,14 @@ def test_fields_of_ones_own_are_drawn_and_compared_with_their_units(tmp_path, mo
             draw()
 
 
+def test_a_picture_is_written_through_a_link(run, tmp_path):
+    (tmp_path / "picture.png").symlink_to("blob")
+    for _ in range(2):
+        plot_file(run, "h", out=tmp_path / "picture.png", overwrite=True)
+    assert (tmp_path / "picture.png").is_symlink()
+    assert (tmp_path / "blob").read_bytes().startswith(b"\x89PNG")
+
+
 def test_frames_without_values_are_drawn(tmp_path, monkeypatch):
     monkeypatch.setattr(plot, "FILM_ROWS", 31)
     monkeypatch.setattr(plot, "FILM_DOTS_PER_INCH", 40)

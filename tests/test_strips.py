@@ -148,13 +148,13 @@ def test_reach_covers_all_nodes_of_a_strip(monkeypatch):
     monkeypatch.setattr(partition, "RINGED", 0)
     for ne in (1, 4, 7):
         mesh = Model(Mesh.build(ne, 4), get_scene("williamson5")).device_mesh
-        cuts, node_of = mesh.strips.groups, mesh.part.nodes
+        cuts, nodes = mesh.strips.groups, mesh.part.nodes
         done = np.empty(mesh.size, int)
         for begin, end, starts in mesh.strips.spans:
             done[begin:end] = np.searchsorted(starts, np.arange(begin, end), "right") - 1
         group = np.arange(mesh.elements) // mesh.lanes
         strip = np.searchsorted(cuts.starts, group, "right") - 1
-        ahead = strip[:, None, None] - done[node_of]
+        ahead = strip[:, None, None] - done[nodes]
         assert ahead.min() >= 0 and ahead.max() == cuts.reach
 
 

@@ -352,7 +352,7 @@ def test_an_unfinished_picture_leaves_the_one_before(made, tmp_path, monkeypatch
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Figure, "savefig", fails)
-    with pytest.raises(ConfigError, match="No space left"):
+    with pytest.raises(RunFailed, match="No space left"):
         plot_file(made, "h", out=place, overwrite=True)
     assert place.read_bytes() == before and [*tmp_path.iterdir()] == [place]
 

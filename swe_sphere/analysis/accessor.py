@@ -216,7 +216,7 @@ class Analysis:
         at = ours.sampler(*theirs.points)
         found: dict[str, list[float]] = {}
         one = isinstance(fields, str) or not np.iterable(fields)
-        names = dict.fromkeys([str(fields)] if one else fields)
+        names: Iterable[Any] = dict.fromkeys([fields] if one else fields)
         for k, j in pairs:
             left, right = ours.fields(k), theirs.fields(j)
             for field in names:
@@ -312,10 +312,8 @@ def spectra(u: Array, v: Array, degree: int, radius: float) -> Array:
     + |δ_nm|²) (Lambert, 1984, Atmosphere-Ocean 22, eq. 6).
     """
     grid = GaussGrid(u.shape[0] - 1)
-    enstrophy, divergent = (
-        mean_squares(grid.against_gradients(*flux))[: degree + 1] / radius**2
-        for flux in ((v, -u), (u, v))
-    )
+    squares = (mean_squares(grid.against_gradients(*flux)) for flux in ((v, -u), (u, v)))
+    enstrophy, divergent = (x[: degree + 1] / radius**2 for x in squares)
     n = np.arange(degree + 1.0)
     factor = np.divide(radius**2, n * (n + 1.0), out=np.zeros_like(n), where=n > 0)
     return 0.5 * np.stack([factor * enstrophy, factor * divergent, enstrophy])

@@ -18,8 +18,8 @@ import xarray as xr
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, shown, unknown_name
-from swe_sphere.files.durable import building, check_free, translate_errors
-from swe_sphere.io.growing import check_place, check_zarr
+from swe_sphere.files.durable import building, translate_errors
+from swe_sphere.io.growing import check_free, check_zarr
 from swe_sphere.io.layout import SERIES, TOPOLOGY, VARIABLES, history
 from swe_sphere.io.runfile import RunFile, engine, read_values
 from swe_sphere.mesh import Interpolator
@@ -198,7 +198,6 @@ def regrid_file(
         xr.open_dataset(path, engine=engine(path), decode_times=False) as data,
         translate_errors(f"cannot write {out}"),
     ):
-        check_place(out)
         if out.exists() and out.samefile(path):
             raise ConfigError(f"{out} is the input file: choose another name")
         chosen = _chosen(data, fields)

@@ -65,9 +65,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     0: done, 2: the request cannot be carried out as written, 1: the run failed, 130: interrupted.
     """
     token = command_began.set(time.monotonic() - (process_age() if arguments is None else 0.0))
-    arguments = sys.argv[1:] if arguments is None else arguments
+    if arguments is None:
+        arguments, os.environ["MPLBACKEND"] = sys.argv[1:], "agg"  # pictures are files
     open_streams()
-    os.environ["MPLBACKEND"] = "agg"  # pictures are files
     try:
         with print_lines(), on_compile(lambda: LOGGER.info(COMPILING)):
             status = _status(arguments)

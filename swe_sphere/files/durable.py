@@ -185,12 +185,6 @@ def building(path: Path) -> Iterator[Path]:
         remove(place)
 
 
-def check_free(path: Path, overwrite: bool) -> None:
-    """Raise ConfigError if a file exists that must not be replaced."""
-    if os.path.lexists(path) and not overwrite:
-        raise ConfigError(f"{path} exists: choose another name, or replace it with --overwrite")
-
-
 def _locked(place: Path, flags: int, path: Path) -> int:
     """Open a file and lock it; ConfigError if another program has locked or renamed it."""
     file = os.open(place, flags, 0o666)
@@ -245,7 +239,7 @@ def translate_errors(
 ) -> Iterator[None]:
     """Convert errors of the system or netCDF in the block to a `kind`: "what: reason" + after.
 
-    A disk that is full or fails raises RunFailed in any case.
+    A disk that is full or fails raises RunFailed in any case, if the error has its number.
     """
     try:
         yield

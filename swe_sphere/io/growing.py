@@ -18,6 +18,7 @@ import json
 import math
 import mmap
 import os
+import re
 from collections.abc import Mapping
 from contextlib import suppress
 from importlib.util import find_spec
@@ -50,16 +51,24 @@ def is_store(path: Path) -> bool:
     return any((path / name).is_file() for name in (CONSOLIDATED, ".zgroup", "zarr.json"))
 
 
+def check_free(path: Path, overwrite: bool) -> None:
+    """Raise the errors of `check_place`, and ConfigError if a file must not be replaced."""
+    if os.path.lexists(path) and not overwrite:
+        raise ConfigError(f"{path} exists: choose another name, or replace it with --overwrite")
+    with suppress(OSError):  # of names that cannot be: writing fails
+        check_place(path)
+
+
 def check_place(path: Path, what: str = "") -> None:
     """Raise ConfigError, "what" first, if a file there would replace, or be in, something else."""
-    if is_store(path.parent):
-        raise ConfigError(f"{what}{path.parent} is a Zarr store: choose a place outside of it")
+    for folder in filter(is_store, path.absolute().parents):
+        raise ConfigError(f"{what}{folder} is a Zarr store: choose a place outside of it")
     if not path.is_dir():
         return
     if path.suffix.lower() != SUFFIX or not is_store(path):
         raise ConfigError(f"{what}{path} is a folder: give the name of a file in it")
-    arrays = (each.parent.name for name in METADATA[-2:] for each in path.glob(f"*/{name}"))
-    if others := sorted({each.name for each in path.iterdir()} - {*METADATA, *arrays}):
+    parts = (part for part in path.rglob("*") if part.is_file() and part.name not in METADATA)
+    if others := sorted(x.name for x in parts if not re.fullmatch(r"[\d.]+", x.name)):
         raise ConfigError(f"{what}{path} contains {others[0]}, not its own: move it away")
 
 

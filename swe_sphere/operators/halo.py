@@ -36,10 +36,8 @@ class Buffer:
         launches = (partial(launch, kernel, threads, *arguments) for kernel in kernels)
         self._pack, self._unpack = launches
         ends = np.cumsum([0, *(p.size for p in positions.values())], dtype=int).tolist()
-        self.of_rank = {
-            rank: message(self._here[begin:end])
-            for rank, begin, end in zip(positions, ends, ends[1:], strict=False)
-        }
+        spans = zip(positions, ends, ends[1:], strict=False)
+        self.of_rank = {rank: message(self._here[begin:end]) for rank, begin, end in spans}
         """The memory of each rank's numbers, as mpi4py accepts it."""
         self.bytes = int(places.size * array.strides[0])
 

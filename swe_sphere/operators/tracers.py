@@ -182,9 +182,9 @@ class MassSteps:
         self._ratio: MixingRatio | None = None
         if depth is not None:
             self._ratio = MixingRatio(mesh, count, depth, first)
-            self._air_transport = TracerTransport(mesh, 1)
+            self._depth_transport = TracerTransport(mesh, 1)
             self._ones = mesh.upload(np.ones(mesh.size))
-            self._old, self._rate = (wp.zeros_like(self._ones) for _ in "or")
+            self._old, self._depth_rate = (wp.zeros_like(self._ones) for _ in "or")
             self._depth = slice(depth, depth + mesh.size)
 
     def __call__(
@@ -196,7 +196,7 @@ class MassSteps:
         """
         if self._ratio is not None:
             wp.copy(self._old, state[self._depth])
-            self._air_transport(flow, self._ones, 0, self._rate, 0)
+            self._depth_transport(flow, self._ones, 0, self._depth_rate, 0)
         carried, at = self._carried(state, 0.0)
         for part in range(parts):
             check_stop()
@@ -210,7 +210,7 @@ class MassSteps:
         """Return the array that the flow carries t [s] after the beginning, and its offset."""
         if self._ratio is None:
             return state, self._first
-        self._mesh.launch.combine(self._old, self._rate, t, out=state[self._depth])
+        self._mesh.launch.combine(self._old, self._depth_rate, t, out=state[self._depth])
         self._ratio.set(state)
         return self._ratio.values, 0
 

@@ -16,7 +16,8 @@ from rich.console import Console
 from rich.text import Text
 
 from swe_sphere.errors import ConfigError, shown
-from swe_sphere.files.durable import building, check_free, translate_errors
+from swe_sphere.files.durable import building, translate_errors
+from swe_sphere.io.growing import check_free
 from swe_sphere.io.reference_solution import Exact, open_source
 from swe_sphere.io.runfile import Nodal, RunFile, Source
 from swe_sphere.io.scalar_fields import check_field

@@ -239,7 +239,7 @@ class Recorder(Observer):
         if output is not None and continues:
             kept = (times := RunFile(path).times)[times <= sim.time]
             interval = HOUR * output.every if output.every else plan.frame_steps * plan.dt
-            if sim.time - max(kept, default=0.0) > 1.001 * interval:
+            if sim.time - max(kept, default=0.0) > 1.001 * max(interval, *np.diff(kept), 0.0):
                 sim.warn(f"output: {path} lacks the frames before day {sim.time / DAY:.4g}")
         attributes = {"run_id": sim.run_id or uuid.uuid4().hex} | sim.attributes(only)
         self._writer = FrameWriter(

@@ -40,19 +40,19 @@ HOUR_ROUNDING = 5e-5
 """Largest difference [h] between a time between frames and the fraction that it stands for."""
 
 
-def stability_limit(kind: type[Stepper], spectra: Sequence[SpectralRadii]) -> float:
+def stability_limit(kind: type[Stepper], radii: Sequence[SpectralRadii]) -> float:
     """Return the largest stable step [s] for `run_radii`, infinite without one.
 
     The strongest wind may use up the margin `safety`. ConfigError if a limit is not a number.
     """
     label = f"stable_dt of stepper {kind.name}"
-    limits = [call_custom(label, kind.stable_dt, each) for each in spectra]
+    limits = [call_custom(label, kind.stable_dt, each) for each in radii]
     first, *later = (float(convert(label, float, each, finite=False)) for each in limits)
     return min([first, *(each / kind.safety for each in later)])
 
 
 def run_radii(kind: type[Stepper], model: Model, times: Iterable[float]) -> list[SpectralRadii]:
-    """Return a stepper's spectra at the initial state with the prescribed winds of these times."""
+    """Return a stepper's radii at the initial state with the prescribed winds of these times."""
     label, state = f"spectral radii of stepper {kind.name}", model.initial_state()
     return [call_custom(label, kind.spectral_radii, model, state, t) for t in times]
 

@@ -196,8 +196,9 @@ class Restart:
 
         run, ours = self.attributes.get("run_id"), self.path.name.removesuffix(".restart")
         beside = self.path.absolute().with_name(path.name)
+        moved = path.name != ours and (path.with_name(ours).exists() or not path.exists())
         with suppress(ConfigError):
-            if path.name != ours and RunFile(beside).attributes.get("run_id", "") == run:
+            if moved and RunFile(beside).attributes.get("run_id", "") == run:
                 return beside
         return path
 

@@ -281,9 +281,9 @@ class Simulation(NotCopyable):
         strongest = (times := self.limiting_times())[-1]
         if strongest not in self._limits:
             counted = dict(self.model.counters)
-            spectra = planning.run_radii(self.stepper_class, self.model, times)
+            radii = planning.run_radii(self.stepper_class, self.model, times)
             self.model.counters.update(counted)  # the run does not count these evaluations
-            self._limits[strongest] = planning.stability_limit(self.stepper_class, spectra)
+            self._limits[strongest] = planning.stability_limit(self.stepper_class, radii)
         return self._limits[strongest]
 
     def limiting_times(self) -> list[float]:

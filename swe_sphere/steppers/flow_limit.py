@@ -41,8 +41,8 @@ def strongest_advection(model: Model) -> float:
         scene = scene.without_effect("tracers")
     coarse = Model(small, scene, model.device, model.precision, model.shape)
     state = coarse.initial_state()
-    spectrum = RK4.spectral_radii(coarse, state)
-    dt = RK4.safety * RK4.stable_dt(spectrum)
+    radii = RK4.spectral_radii(coarse, state)
+    dt = RK4.safety * RK4.stable_dt(radii)
     steps = min(min(coarse.scene.days, DAYS) * DAY / dt, MOST_STEPS)
     stepper = RK4(coarse, dt)
     stepper.start(state)
@@ -53,10 +53,10 @@ def strongest_advection(model: Model) -> float:
         if not np.isfinite(stepper.state.numpy()).all():
             break
         rate = advection_rate(coarse, stepper.state, stepper.time)
-        if rate > spectrum.wave:  # faster than the waves: the run becomes unstable
+        if rate > radii.wave:  # faster than the waves: the run becomes unstable
             break
         largest = max(largest, rate)
-    return largest * RK4.spectral_radii(model, model.initial_state()).wave / spectrum.wave
+    return largest * RK4.spectral_radii(model, model.initial_state()).wave / radii.wave
 
 
 WIND_PARTS = np.linspace(0.0, 1.0, 5)

@@ -224,8 +224,8 @@ class Stepper(Trajectory, ABC):
             except (AttributeError, TypeError, ValueError) as error:
                 raise ConfigError(f"stepper {cls.name}: invalid coefficients: {error}") from None
             for name in ("safety", "courant", "longest", "reach"):
-                if not 0.0 < as_float(value := getattr(cls, name)) < math.inf:
-                    raise ConfigError(f"stepper {cls.name}: {name} must be positive, got {value!r}")
+                if not 0.0 < as_float(x := getattr(cls, name)) < math.inf:
+                    raise ConfigError(f"stepper {cls.name}: {name} must be above 0, got {x!r}")
             for name, x in [*inspect.signature(cls).parameters.items()][2:]:
                 named = x.kind not in (x.VAR_POSITIONAL, x.VAR_KEYWORD)
                 if named and x.empty in (x.annotation, x.default):
