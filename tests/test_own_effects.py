@@ -23,6 +23,7 @@ from swe_sphere.equations.effects import (
     EdgePenalty,
     Orography,
     PointwiseEffect,
+    PrescribedWind,
     Relaxation,
     Rotation,
     Tracers,
@@ -30,13 +31,14 @@ from swe_sphere.equations.effects import (
 )
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.right_hand_side import compiling_formulas
-from swe_sphere.equations.scene import apply_settings
+from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.pointwise import PointTerm, Pointwise
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.restart import run_sources
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.solvers.preconditioners import make_preconditioner
+from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene
 
 MESH = Mesh.build(2, 4)
@@ -694,3 +696,41 @@ def test_numbers_of_other_types_can_be_written_to_files(effect, tmp_path: Path) 
     sim = Simulation(scene, ne=2, np=4, dt=600.0, days=0.05)
     sim.run(out=tmp_path / "a.nc")
     assert Simulation.from_checkpoint(tmp_path / "a.nc", scene).run(days=0.1).status == "completed"
+
+
+@dataclass(frozen=True)
+class Uptake(PointwiseEffect):
+    """A loss of depth in proportion to a wind that changes in time."""
+
+    name = "uptake"
+    dissipation = True
+    rate: float = 1e-6
+
+    @staticmethod
+    def depth_tendency(c, i, u, v, h):
+        return -c.rate * u * h
+
+
+@pytest.mark.parametrize("name", ["forward-backward", "fb-rk3", "leapfrog", "rk4", "mis2"])
+def test_dissipation_sees_the_prescribed_wind_of_the_time(name: str) -> None:
+    def wind(lon, lat, t):
+        return (10.0 + t / 360.0) * np.cos(lat) + 0.0 * lon, 0.0 * lat
+
+    mesh, effects = Mesh.build(2, 4), (PrescribedWind(), Uptake())
+    flow = Scene("flow", effects, initial=lambda lon, lat: (10.0, 0.0, 1000.0), wind=wind)
+
+    def after(stepper: str, steps: int, dt: float, earlier=None):
+        made = STEPPERS[stepper](Model(mesh, flow), dt)
+        if earlier is None:
+            made.start(made.model.initial_state())
+        else:
+            made.load_state_dict(earlier.state_dict(), earlier.steps)
+        for _ in range(steps):
+            made.step()
+        return made
+
+    whole, resumed = after(name, 6, 600.0), after(name, 2, 600.0, after(name, 4, 600.0))
+    assert np.array_equal(whole.state.numpy(), resumed.state.numpy())
+    exact = after("rk4", 64, 56.25).state.numpy()
+    errors = [np.abs(after(name, n, 3600.0 / n).state.numpy() - exact).max() for n in (6, 12)]
+    assert errors[1] < 0.7 * errors[0] < 3.0  # of a change by 60 m

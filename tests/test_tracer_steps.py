@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from swe_sphere import Simulation
-from swe_sphere.equations.effects import Tracers, Viscosity
+from swe_sphere.equations.effects import MASSES, PointwiseEffect, Tracers, Viscosity
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError, Unstable
 from swe_sphere.io.checkpoint import read_checkpoint, write_checkpoint
@@ -326,3 +326,46 @@ def test_a_checkpoint_with_impossible_steps_at_once_is_damaged(tmp_path, scene, 
     write_checkpoint(path, replace(sound, attributes=sound.attributes | {"steps_at_once": 5000}))
     with pytest.raises(ConfigError, match=r"a\.npz is damaged: steps_at_once=5000"):
         Simulation.from_checkpoint(path)
+
+
+@dataclass(frozen=True)
+class Pump(PointwiseEffect):
+    """Moves fluid from the south to the north, without a change of the mass."""
+
+    name = "pump"
+    conserves = MASSES
+    rate: float = 1e-3
+
+    def coefficients(self, mesh):
+        return {"pattern": self.rate * np.sin(mesh.lat)}
+
+    @staticmethod
+    def depth_tendency(c, i, u, v, h):
+        return c.pattern[i]
+
+
+@dataclass(frozen=True)
+class Push(PointwiseEffect):
+    """Accelerates the wind alone."""
+
+    name = "push"
+    rate: float = 1e-6
+
+    @staticmethod
+    def wind_tendency(c, i, u, v, h):
+        return c.rate * u, c.rate * v
+
+
+@pytest.mark.parametrize("name", ["deformational", "williamson2"])
+def test_effects_on_the_depth_allow_no_separate_tracer_steps(name: str) -> None:
+    scene = get_scene(name)
+    if not scene.tracers:
+        tracers = {"a": lambda lon, lat: 1.0 + 0.5 * np.cos(lon) * np.cos(lat)}
+        scene = replace(scene, effects=(*scene.effects, Tracers()), tracers=tracers)
+    pumped = Simulation(scene, ne=2, np=4, dt=600.0, effects=[Pump()], tracer_steps="auto")
+    assert pumped.run(days=0.1, progress=False).completed and pumped.plan.cycle == 1
+    with pytest.raises(ConfigError, match="has sources of depth"):
+        Simulation(scene, ne=2, np=4, dt=600.0, effects=[Pump()], tracer_steps=2).begin()
+    if scene.wind is None:
+        pushed = Simulation(scene, ne=2, np=4, dt=600.0, effects=[Push()], tracer_steps=2)
+        assert pushed.run(days=0.1, progress=False).completed and pushed.plan.cycle == 2

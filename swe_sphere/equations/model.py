@@ -221,12 +221,12 @@ class Model(DiscreteScene):
     @cached_property
     def dissipative_tendency(self) -> Operator:
         """The dissipation alone, for schemes that step it separately: called as (state, out)."""
-        return self.right_hand_side("dissipative").at_start
+        return self.right_hand_side("dissipative").without_time
 
     @cached_property
     def diffusion(self) -> Operator:
         """Rates of viscosity and hyperviscosity, called as (state, out); the scene needs one."""
-        return self.right_hand_side("diffusive").at_start
+        return self.right_hand_side("diffusive").without_time
 
     @cached_property
     def diffusion_radius(self) -> float:
@@ -249,7 +249,7 @@ class Model(DiscreteScene):
         return self._radius("penalising", self.initial_state())
 
     def _radius(self, component: str, state: wp.array) -> float:
-        operator = self.right_hand_side(component, fluid_only=True).at_start
+        operator = self.right_hand_side(component, fluid_only=True).without_time
         return spectral_radius(self, state, operator)
 
     def penalise(self, x: wp.array, tau: float, out: wp.array, start: wp.array) -> None:

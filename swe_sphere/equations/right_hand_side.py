@@ -96,8 +96,8 @@ class RightHandSide:
                 for operator, source, target in self.operations:
                     operator(x if source is None else source, out if target is None else target)
 
-    def at_start(self, x: wp.array, out: wp.array) -> None:
-        """Evaluate a component at time 0; only a prescribed wind makes it depend on the time."""
+    def without_time(self, x: wp.array, out: wp.array) -> None:
+        """Evaluate a component without counter, with the prescribed wind that was set last."""
         self(x, 0.0, out)
 
 

@@ -430,10 +430,8 @@ class _Function:
             raise ConfigError(
                 f"{self.label} must return {what} ({', '.join(self.names)}), got {named}"
             )
-        fields = {
-            name: fitted(f"{self.label} {name}", field, lon, lat, self.may_be_nan)
-            for name, field in named.items()
-        }
+        label, nan = self.label, self.may_be_nan
+        fields = {k: fitted(f"{label} {k}", x, lon, lat, nan) for k, x in named.items()}
         return fields if self.by_name else tuple(fields.values())
 
     def _named(self, result: Any) -> dict[str, Any] | str:

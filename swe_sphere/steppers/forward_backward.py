@@ -91,9 +91,10 @@ class Passes:
         """Return the weights of three time levels in the format of the passes."""
         return wp.types.vector(3, self._real)(*numbers)
 
-    def damp(self, state: wp.array) -> None:
-        """Compute the dissipation at a state, which is added to all rates from now on."""
+    def damp(self, state: wp.array, t: float) -> None:
+        """Compute the dissipation at a state at t [s], which is added to all rates from now on."""
         if self._model.dissipative:
+            self._model.set_time(t)
             self._model.dissipative_tendency(state, self._loss)
 
     def step_depth(
@@ -257,7 +258,7 @@ class ForwardBackward(DepthThenWind):
         if self._altered:  # by changes between steps, which need the past level again
             self._extrapolate()
             new = self.older
-        passes.damp(now)
+        passes.damp(now, self.time)
         weights = self._mass_weights, self._depth_weights
         passes.step_depth(self.time + 0.5 * dt, dt, (now, past), new, *weights)
         passes.step_wind(dt, (now, past), new, self._wind_weights)
@@ -327,7 +328,7 @@ class ForwardBackwardRK3(DepthThenWind):
         now, new, passes = self.state, self._stage, self._passes
         if self._altered:
             self._prepare()
-        passes.damp(now)
+        passes.damp(now, self.time)
         offset = 0.0
         for fraction, depths in zip(self.fractions, self._depth_weights, strict=True):
             tau, t = fraction * self.dt, self.time + offset * self.dt
