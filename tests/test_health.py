@@ -429,3 +429,19 @@ def test_mass_drift_in_float32_is_what_the_docs_state(stepper, scene):
     sim = Simulation(scene, ne=8, np=4, stepper=stepper, precision="float32")
     summary = sim.run(days=5.0, progress=False)
     assert abs(summary["mass_drift"]) <= FLOAT32[stepper]
+
+
+def test_a_passive_depth_may_undershoot_zero_with_a_custom_effect():
+    """As without the effect: nothing moves by the depth where the wind is prescribed."""
+
+    @dataclass(frozen=True)
+    class Decay(PointwiseEffect):
+        name = "decay"
+        rate: float = 1e-6
+
+        @staticmethod
+        def depth_tendency(c, i, u, v, h):
+            return -c.rate * h
+
+    sim = Simulation("williamson1", ne=8, np=4, dt=600.0, effects=[Decay()])
+    assert sim.run(days=0.5, progress=False).completed and float(sim.state.h.min()) < 0.0

@@ -133,7 +133,8 @@ class HealthCheck(Observer):
         if not math.isfinite(norm):
             raise self._unstable(f"the solution is NaN{spoilt_fields(model, state)}", snapshot)
         # h may undershoot zero without harm if it is passive or the wave is linear
-        if not model.scene.linear and (depth := self._space.lowest(state, *self._depth)) <= 0.0:
+        harmless = model.scene.linear or model.scene.wind is not None
+        if not harmless and (depth := self._space.lowest(state, *self._depth)) <= 0.0:
             raise self._unstable(f"the depth is not positive ({depth:.3g} m)", snapshot)
         if model.scene.forcing is not None:
             whole = min(MOST_PARTS, 1 + snapshot.steps // 4)  # of the run so far, maybe resumed

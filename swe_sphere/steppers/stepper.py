@@ -169,9 +169,9 @@ class Stepper(Trajectory, ABC):
 
     A method defines `advance`, which changes `state` in place, and `amplification`, from which its
     longest stable step follows. With `splits_penalty` its `model` has no edge penalty: `penalty`
-    acts in the middle of cycles of steps. With `splits_diffusion` the model has no viscosity and no
-    hyperviscosity: `diffusion` steps them, after even steps and before odd ones, which is Strang's
-    splitting of two steps and of second order.
+    acts in the middle of cycles of steps, or its rate is held over an implicit step. With
+    `splits_diffusion` the model has no viscosity and no hyperviscosity: `diffusion` steps them,
+    after even steps and before odd ones: Strang's splitting of two steps, of second order.
     """
 
     family: ClassVar[Family] = "explicit"
@@ -183,7 +183,7 @@ class Stepper(Trajectory, ABC):
     """Steps over which `advance` includes `diffusion` in its change; None: `step` splits it off.
     The split penalty acts on as many successive levels, by Euler steps."""
     splits_penalty: ClassVar[bool] = True
-    """True if the penalty acts in its own steps; a step must damp waves of less than two steps."""
+    """True if the stages are without the penalty: `SplitPenalty`, or `HeldPenalty` if implicit."""
     diffusion_order: ClassVar[int] = 2
     """Order of separate diffusion; one above the order of the splitting gains nothing."""
     levels: ClassVar[tuple[str, ...]] = ()
