@@ -111,7 +111,7 @@ def test_steps_on_small_meshes_are_not_copied_before_they_are_taken(monkeypatch,
     def fail(stepper):
         raise AssertionError
 
-    monkeypatch.setattr(Trajectory, "keep", fail)
+    monkeypatch.setattr(Trajectory, "restore_point", fail)
     assert small(**LARGE[kind]).run(days=0.25).completed
 
 

@@ -431,7 +431,7 @@ class _Function:
                 f"{self.label} must return {what} ({', '.join(self.names)}), got {named}"
             )
         label, nan = self.label, self.may_be_nan
-        fields = {k: fitted(f"{label} {k}", x, lon, lat, nan) for k, x in named.items()}
+        fields = {name: fitted(f"{label} {name}", x, lon, lat, nan) for name, x in named.items()}
         return fields if self.by_name else tuple(fields.values())
 
     def _named(self, result: Any) -> dict[str, Any] | str:
