@@ -87,7 +87,7 @@ class Counted:
     """Counts of the messages that this rank sends, and of the sums in which it takes part."""
 
     def __init__(self, comm: Communicator) -> None:
-        self._sums, self._halos, gather = Counter[str](), [], comm.gather
+        self._sums, self._halos, gather = Counter[str](), [], comm.allgather_arrays
         self._exchanges = Counter[Halo]()
         build, start = Halo.__init__, Halo._start
 
@@ -104,7 +104,7 @@ class Counted:
             return gather(mine, counts, out)
 
         Halo.__init__, Halo._start = kept, counted  # type: ignore[method-assign]
-        comm.gather = counting  # type: ignore[method-assign]
+        comm.allgather_arrays = counting  # type: ignore[method-assign]
 
     def counts(self) -> Counter[str]:
         """Return the counts since the object was built."""

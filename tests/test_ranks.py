@@ -77,7 +77,7 @@ class OneOfFive(Communicator):
         assert np.array_equal(mine, self._owned[0])
         return self._owned
 
-    def gather(self, mine, counts, out=None):
+    def allgather_arrays(self, mine, counts, out=None):
         field = next(self._fields)
         assert np.array_equal(mine, field[self._owned[0]])
         self.rooms.append(out.size)
@@ -379,7 +379,8 @@ def test_ranks_that_fail_say_so_in_one_line(mpi, arguments, said):
 @pytest.mark.parametrize(
     ("deed", "said"),
     [
-        ("os.kill(os.getpid(), signal.SIGKILL)", "rank 1 of 3 was killed"),
+        # mpiexec may name several processes, or another one, if the machine is busy
+        ("os.kill(os.getpid(), signal.SIGKILL)", "was killed; all frames written so far"),
         (
             "raise ValueError('what a pity')",
             "rank 1 of 3: the diagnostic fails_on_day fails: ValueError",

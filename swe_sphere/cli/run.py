@@ -172,7 +172,7 @@ def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
     if job.returncode and not explained:
         dead = re.findall(r"PID (\d+) RUNNING AT", "".join(printed))
         known = [f"rank {processes[pid]} of {ranks}" for pid in dead if pid in processes]
-        rank = known[0] if known else "a rank"
+        rank = known[0] if len(known) == 1 else "a rank"
         sys.stderr.write(f"swe-sphere: {rank} was killed; all frames written so far can be read\n")
     return min(abs(int(job.returncode)), 255)
 

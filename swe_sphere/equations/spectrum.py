@@ -122,7 +122,7 @@ def _scaled_product(model: DiscreteScene, state: wp.array, operator: Operator) -
         mean = np.average(mesh.collect(fluid[heights]), weights=model.mesh.area)
         factor = float(np.sqrt(mean / model.scene.planet.gravity))
     largest = max(np.abs(base[: -mesh.size]).max(initial=0.0), np.abs(base[heights]).max() / factor)
-    size = mesh.comm.gather_number(largest).max() or 1.0
+    size = mesh.comm.allgather_number(largest).max() or 1.0
     size *= np.sqrt(np.finfo(mesh.numpy_real).eps)
     moved, rates, room = model.zeros(base.size), model.zeros(base.size), np.empty(base.size)
     moved.assign(base)

@@ -48,7 +48,7 @@ def file_fingerprint(path: Path) -> str:
 
 @cache
 def code_fingerprint(*more: str) -> str:
-    """Return a short name for the code that computes the numbers, as this process imported it.
+    """Return a short name for the code that computes the numbers, as it is at the first call.
 
     It covers the code of `NUMBERS` and of the modules directly in swe_sphere, and the versions of
     `LIBRARIES`. more: further packages of swe_sphere to include.

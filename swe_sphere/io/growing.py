@@ -98,7 +98,7 @@ class GrowingOutput:
             self._in_place = True
 
     def check(self, path: Path) -> None:
-        """Raise RunFailed if another program has removed, replaced or cut short the file."""
+        """Raise RunFailed if another program has removed or replaced the file."""
         if not self._in_place:
             return
         try:

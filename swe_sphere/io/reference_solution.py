@@ -36,8 +36,8 @@ SHIPPED = Path(__file__).parents[1] / "data"
 def latitude_weights(lat: Array, bounds: Array | None = None) -> Array:
     """Return the share (M,) of the sphere's area of each latitude circle lat (M,) [rad].
 
-    Latitudes of a Gaussian grid have Gauss weights; others have the zones between bounds (M, 2)
-    [rad] or, without bounds, between the midpoints of neighbours.
+    They are the zones between bounds (M, 2) [rad]; without bounds Gauss weights for latitudes of a
+    Gaussian grid, and the zones between the midpoints of neighbours for others.
     """
     if bounds is not None:
         return np.abs(np.diff(np.sin(bounds), axis=1)[:, 0]) / 2.0

@@ -195,7 +195,7 @@ class Source(ABC):
     def sampler(self, lon: Array, lat: Array) -> Sampler | None:
         """Return a sampler that evaluates fields (N,) and winds at points lon, lat (M,) [rad].
 
-        It is None at the points of the source itself, so that equal states have no error.
+        At its own points a `Nodal` returns None, so that equal states have no error.
         """
 
     def index(self, time: float | None) -> int:

@@ -47,7 +47,7 @@ class Chunks:
         add_up_mine.launch()
         counts = [width * len(each) for each in self._branches]
         sent = mine.reshape(-1)[: counts[self._comm.rank]]
-        self._comm.gather(sent, counts, everything.reshape(-1))
+        self._comm.allgather_arrays(sent, counts, everything.reshape(-1))
         add_up.launch()
         return np.asarray(everything[0])
 

@@ -422,7 +422,7 @@ class DeviceMesh(NotCopyable):
         room = np.empty(self.mesh.size, values.dtype)
         counts, places = self._owners
         for field, out in zip(fields, joined, strict=True):
-            gathered = self.comm.gather(field[self.part.owned], counts, room)
+            gathered = self.comm.allgather_arrays(field[self.part.owned], counts, room)
             np.take(gathered, places, out=out, mode="clip")
         return joined.reshape(*values.shape[:-1], -1)
 

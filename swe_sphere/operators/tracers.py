@@ -158,12 +158,12 @@ class CourantRate:
         self._symbol = symbol(mesh.mesh.derivative, mesh.mesh.gll_weights)
         (self._kernel,) = mesh.launch.compile(types, courant_rates)
         self._geometry = mesh.geometry(types.geometry)
-        self._most = wp.zeros(mesh.groups, dtype=types.value, device=mesh.device)
+        self._max = wp.zeros(mesh.groups, dtype=types.value, device=mesh.device)
 
     def bound(self, flux: wp.array, depth: wp.array) -> float:
         """Return the spectral radius [s-1] of q -> div(q flux) / depth, or up to a third more."""
-        self._mesh.launch(self._kernel, self._mesh.groups, self._geometry, flux, depth, self._most)
-        return self._symbol * float(self._mesh.comm.gather_number(self._most.numpy().max()).max())
+        self._mesh.launch(self._kernel, self._mesh.groups, self._geometry, flux, depth, self._max)
+        return float(self._symbol * self._mesh.comm.allgather_number(self._max.numpy().max()).max())
 
 
 class MassSteps:

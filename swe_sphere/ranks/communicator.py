@@ -113,10 +113,10 @@ class Communicator:
         ask = getattr(ctypes.CDLL(self._mpi.__file__), "MPIX_Query_cuda_support", None)
         return ask is not None and bool(ask())
 
-    def gather(
+    def allgather_arrays(
         self, mine: NDArray[Any], counts: Sequence[int], out: NDArray[Any] | None = None
     ) -> NDArray[Any]:
-        """Return the arrays of all ranks, of one number type, flat and one after the other.
+        """Return on every rank the arrays of all, of one number type, flat and one after the other.
 
         counts: size of the array of each rank; out: array for the result of several ranks.
         """
@@ -126,9 +126,9 @@ class Communicator:
         _complete(self.comm.Iallgatherv(np.ascontiguousarray(mine), (room, counts)).Test)
         return room
 
-    def gather_number(self, mine: float) -> NDArray[Any]:
+    def allgather_number(self, mine: float) -> NDArray[Any]:
         """Return a number of each rank, as an array (size,)."""
-        return self.gather(np.array([mine]), [1] * self.size)
+        return self.allgather_arrays(np.array([mine]), [1] * self.size)
 
     def allgather(self, mine: T) -> list[T]:
         """Return an object of each rank."""

@@ -267,8 +267,8 @@ def diagnostic(
 
     A number appears in the series of files, in summaries and in sweeps; a field in every frame, and
     so does a profile, an `xarray.DataArray` with one dimension, which files call NAME_DIMENSION.
-    A function registered under an existing name replaces the earlier one, unless both are in files.
-    Those in the file of a scene are computed in all later runs of the process.
+    A function replaces the earlier one of its name, unless they are in two different files. Those
+    in the file of a scene are computed in all later runs of the process.
 
     Args:
         name: by default that of the function.

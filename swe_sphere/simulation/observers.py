@@ -37,7 +37,7 @@ class Observer:
     """Watches a run; a subclass defines the methods that it needs.  RunFailed ends the run."""
 
     sees_end = True
-    """True if the observer sees the last state even where it is not due."""
+    """True if it sees the state at the end of the plan even where that is not due."""
 
     def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
         """Prepare for the steps of the plan, which begin at the state of the snapshot."""
@@ -257,7 +257,7 @@ class Recorder(Observer):
         return self._writer.run_id
 
     def write_first(self) -> None:
-        """Write the present state, unless the run resumes between two frames of the file."""
+        """Write the present state; to a file with times of its own only if it is due there."""
         if self._output is None or not self._output.every or self.due(self.sim.steps):
             self._frame(self.sim.snapshot)
 

@@ -161,11 +161,11 @@ def time_plan(
 ) -> RunPlan:  # fmt: skip
     """Return the plan of a new run.
 
-    days: length of the run [days]; 0 for a plan without a step.  every: time between frames [h];
-    None: about a day.  dt: time step [s], which may be shortened a little.  also: further times [s]
-    whose multiples fall on steps.  cycle: steps that are taken together; fewer: True if cycle may
-    be smaller.  automatic: True if dt may be shortened as much as all these times require.  The
-    last steps are shorter if the end is no multiple of the others.  ConfigError if no step fits.
+    days: length of the run [days]; 0: no step.  every: time between frames [h]; None: about a day.
+    dt: time step [s]; may be shortened to half, or to `SHORTEST_AUTOMATIC` of it if `automatic`.
+    also: further times [s] whose multiples fall on steps.  cycle: steps that are taken together;
+    fewer: True if cycle may be smaller.  The last steps are shorter if the end is no multiple of
+    the others.  ConfigError if no step fits.
     """
     if days == 0.0:
         return RunPlan(dt, 0, 1, dt)
@@ -339,8 +339,8 @@ def automatic_step(sim: Any, days: float) -> tuple[float, str]:
 def plan_run(sim: Any, also: Sequence[float] = ()) -> RunPlan:
     """Return the plan of a run from the present state, with the requested or an automatic step.
 
-    A requested step never changes.  An automatic step is kept if it fits, unless a much longer one
-    fits too.  also: as in `time_plan`, whose errors are raised.
+    A requested step, once fitted, is kept.  An automatic one is kept if it fits, unless a much
+    longer one fits too.  also: as in `time_plan`, whose errors are raised.
     """
     config, days, every, done = sim.config, sim.days, sim.config.every, sim.steps
     also = [time for time in also if time <= days * DAY]  # others never come
@@ -365,7 +365,7 @@ def plan_run(sim: Any, also: Sequence[float] = ()) -> RunPlan:
         plan = led_plan(plan, done, sim.time, also)
         if present is not None and present.length(done) <= ROUNDING * dt:
             long = present.dt >= plan.dt / WORTH_A_CHANGE
-            # the tail of a plan in progress is the last step of a resumed run
+            # where only the tail is left, a resumed run must end with the same steps
             if (done == present.tail_begin) if present.tail_steps else long:
                 return present
     return replace(plan, rule=rule)

@@ -371,7 +371,7 @@ class Simulation(NotCopyable):
         self.release()  # its fields may be those before a change
         remembers = {*stepper.restart_arrays(), *stepper.numbers()} != {"state", "origin"}
         same = before is not None and np.array_equal(before, stepper.state.numpy())
-        if not any(self.comm.gather_number(not same)):
+        if not any(self.comm.allgather_number(not same)):
             return
         if remembers:
             self._lengths.append((self.steps, now, stepper.dt))
@@ -415,14 +415,14 @@ class Simulation(NotCopyable):
 
     @exclusive
     def step(self) -> None:
-        """Take one step; RunFailed if it cannot be taken."""
+        """Take one step, or the steps of one tracer step; RunFailed if they cannot be taken."""
         self._begin_once()
         self.known_state = None
         self.fit_step()
         self.take(1)
 
     def take(self, most: int) -> None:
-        """Take one step of the stepper, or up to `most` at once."""
+        """Take one step of the stepper, up to `most` at once, or the steps of one tracer step."""
         try:
             self.stepper.take(most)
         except (SolverFailed, *BREAKDOWNS) as error:

@@ -138,7 +138,7 @@ class VectorSpace:
 
     def _least_of_all(self, lowest: float) -> float:
         """Return the least value of all ranks; NaN counts as -infinity."""
-        return float(self._comm.gather_number(-math.inf if math.isnan(lowest) else lowest).min())
+        return float(self._comm.allgather_number(-math.inf if math.isnan(lowest) else lowest).min())
 
 
 class Masses:

@@ -106,8 +106,8 @@ class MultirateInfinitesimalStep(FlowLimitStepper):
     def spectral_radii(cls, model: Model, state: wp.array, t: float = 0.0) -> SpectralRadii:
         """Return spectral radii [s-1], with the slow rate in place of the wind's share.
 
-        The slow rate is that of the strongest wind of a trial run, or of the Coriolis force, which
-        limits the waves as a wind does; rotation alone does not set the limit.
+        The slow rate is the largest of the wind's share, the strongest advection of a trial run,
+        and INERTIAL times the Coriolis parameter, which limits the waves as a wind does.
         """
         found = super().spectral_radii(model, state, t)
         if model.scene.effect("pressure-gradient") is None:

@@ -83,7 +83,7 @@ class Diffusion:
         self._replay(state.ptr, self._step, state, None, 1.0, last, state)
 
     def join(self, past: wp.array, slope: wp.array) -> None:
-        """Replace `slope`, all other terms at `past`, by the mean slope over dt with diffusion.
+        """Replace `slope`, the other terms, by the mean slope over dt from `past` with diffusion.
 
         If D(past) and the slope cancel, the result is zero: steady states stay steady.
         """
@@ -140,7 +140,7 @@ class SplitPenalty:
     def is_due(self, steps: int, before: int = 0) -> bool:
         """Return whether the penalty acts before the step that follows `steps` after the start.
 
-        before: number of steps before the start, which leaves one level of two.
+        before: steps from time 0 to the start; one between actions on two levels omits the second.
         """
         turn = (before + steps - self.every // 2) % self.every
         return turn < self._levels and (turn <= steps or not before)

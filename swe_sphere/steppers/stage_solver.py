@@ -186,7 +186,7 @@ class WaveSolver(StageSolver):
         self.waves, self._name = GravityWaves(model), name
 
     def solve(self, tau: float, t: float, r: wp.array, guess: wp.array, out: wp.array) -> None:
-        """Set out (3N,) = (I - tau L)^-1 r, from a guess of its depth (N,), in a step from t [s].
+        """Set out = (I - tau L)^-1 r, both states, from a guess of its depth (N,), from t [s] on.
 
         Raises SolverFailed if the solve does not converge.
         """

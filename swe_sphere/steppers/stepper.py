@@ -284,7 +284,7 @@ class Stepper(Trajectory, ABC):
         """Make the first guesses of a method with a solver from the initial slope."""
 
     def _is_penalised(self, steps: int) -> bool:
-        """Return whether the penalty is due after that many steps; a start leaves its cycle."""
+        """Return whether the penalty is due after that many steps; cycles count from time 0."""
         return self.penalty is not None and self.penalty.is_due(steps, round(self.origin / self.dt))
 
     def step(self) -> None:

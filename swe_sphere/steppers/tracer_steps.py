@@ -84,7 +84,7 @@ class TransportRate:
             transport(wind, x, depth, out, depth)
 
         self.initial = min(bound, spectral_radius(model, state, carry))
-        """Spectral radius at the initial state of the scene [s-1], an upper bound."""
+        """Estimate of the spectral radius at the initial state of the scene [s-1]."""
         self._share = min(1.0, MARGIN * self.initial / bound) if bound > 0.0 else 1.0
 
     def __call__(self, flux: wp.array, depth: wp.array) -> float:

@@ -1,4 +1,4 @@
-"""Coarse correction on the element vertices: one solve for each family of waves, added up.
+"""Coarse corrections of smooth waves and of computational modes, one for each, added up.
 
 Each rank holds the functions of its elements and a ring around, exchanged after every sweep.
 """

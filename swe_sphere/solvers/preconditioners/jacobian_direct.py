@@ -46,7 +46,7 @@ class JacobianDirect(LaggedPreconditioner):
         now_u, now_v, now_h = flow.numpy().reshape(FIELDS, -1)
         courant = self._tau * float((np.hypot(now_u - u, now_v - v) / self._spacing).max())
         near = bool(np.all(np.abs(now_h - h) <= DEPTH_CHANGE * np.abs(now_h)))
-        return bool(mesh.comm.gather_number(courant <= COURANT_CHANGE and near).all())
+        return bool(mesh.comm.allgather_number(courant <= COURANT_CHANGE and near).all())
 
     def _prepare(self, tau: float, flow: Array) -> None:
         self._place(flow, self._direction)

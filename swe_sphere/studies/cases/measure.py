@@ -165,7 +165,7 @@ SAMPLES = 120
 """Approximate number of samples of a run."""
 CHANGES = (*DRIFTS, "total_vorticity")
 ERRORS_AT_END = ("l2_h", "l2_v", "linf_h", "off_wave", "off_mirror")
-"""Numbers of which only the last sample is used."""
+"""Numbers whose last sample has their own name."""
 
 
 @dataclass
