@@ -327,6 +327,8 @@ def test_a_store_with_foreign_files_is_not_replaced(swe, tmp_path, monkeypatch):
     status, _, err = swe(*run, "--restart", "run.zarr", "--days", 0.5)
     assert status == 2 and "run.zarr contains inner.txt" in err
     (tmp_path / "run.zarr" / "h" / "inner.txt").rename(notes)
+    for left in ("..zmetadata.0123456789abcdef.part", "h/0.0.0.0123abcd.partial"):  # after a kill
+        (tmp_path / "run.zarr" / left).touch()
     status, _, err = swe("plot", "run.zarr", "--out", "run.zarr/h/h.png")
     assert status == 2 and "run.zarr is a Zarr store" in err
     regrid = "regrid", "run.zarr", "--grid", "latlon:7x12", "--overwrite", "--out"

@@ -43,7 +43,7 @@ MARK = b"\x12@\xfe\x01rec\x02"
 SUFFIX = ".zarr"
 """Ending of the names of stores."""
 CONSOLIDATED, ATTRIBUTES = ".zmetadata", ".zattrs"
-METADATA = (CONSOLIDATED, ATTRIBUTES, ".zgroup", ".zarray", "zarr.json")
+IN_STORES = r"[\d.]+|\.z(metadata|attrs|group|array)|zarr\.json|.*\.part(ial)?"  # left by kills
 
 
 def is_store(path: Path) -> bool:
@@ -67,8 +67,8 @@ def check_place(path: Path, what: str = "") -> None:
         return
     if path.suffix.lower() != SUFFIX or not is_store(path):
         raise ConfigError(f"{what}{path} is a folder: give the name of a file in it")
-    parts = (part for part in path.rglob("*") if part.is_file() and part.name not in METADATA)
-    if others := sorted(x.name for x in parts if not re.fullmatch(r"[\d.]+", x.name)):
+    names = (part.name for part in path.rglob("*") if part.is_file())
+    if others := sorted(name for name in names if not re.fullmatch(IN_STORES, name)):
         raise ConfigError(f"{what}{path} contains {others[0]}, not its own: move it away")
 
 
