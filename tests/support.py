@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from swe_sphere.equations.effects import (
     LinearisedDynamics,
     MomentumAdvection,
     Orography,
+    PointwiseEffect,
     PrescribedWind,
     PressureGradient,
     Relaxation,
@@ -49,6 +52,18 @@ QUICK = (
     "semi-implicit", "bdf2", "tr-bdf2", "gauss-legendre", "average-vector-field", "epi2",
 )  # fmt: skip
 """One of each class of implementation; the thorough tests take all others too."""
+
+
+@dataclass(frozen=True)
+class Leak(PointwiseEffect):
+    """A loss of depth at a rate [s-1]."""
+
+    name = "leak"
+    rate: float = 1e-6
+
+    @staticmethod
+    def depth_tendency(c, i, u, v, h):
+        return -c.rate * h
 
 
 def thorough(*values):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from swe_sphere.equations.effects import MASSES, Forcing, PointwiseEffect, Relaxation, Tracers
+from swe_sphere import Simulation
+from swe_sphere.equations.effects import MASSES, Forcing, Relaxation, Tracers
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import norms
@@ -16,6 +17,8 @@ from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.adaptive import AdaptiveSteps
 from swe_sphere.steppers.dirk import TRBDF2
 from swe_sphere.testcases import get_scene
+
+from .support import Leak
 
 ROUND = 1e-14
 MASS = 1e-13
@@ -191,15 +194,8 @@ def test_smooth_tracers_keep_their_order():
 def test_sources_of_depth_have_no_limiter(mesh):
     """They change mixing ratios, so that the initial range is no bound."""
 
-    @dataclass(frozen=True)
-    class Sink(PointwiseEffect):
-        name = "sink"
+    class Conserving(Leak):
         conserves = MASSES
-        k: float = 1e-5
-
-        @staticmethod
-        def depth_tendency(c, i, u, v, h):
-            return -c.k * h
 
     def wind_alone(lon, lat, t):
         return 1e-6 + 0.0 * lat, 0.0 * lat, 0.0 * lat
@@ -209,11 +205,13 @@ def test_sources_of_depth_have_no_limiter(mesh):
 
     flow = with_cylinders(get_scene("williamson2"))
     scenes = (
-        flow.with_effect(Relaxation(1e5)), flow.with_effect(Sink()),
+        flow.with_effect(Relaxation(1e5)), flow.with_effect(Conserving(1e-5)),
         replace(flow, effects=(*flow.effects, Forcing()), forcing=depth_too),
     )  # fmt: skip
     for scene in scenes:
         with pytest.raises(ConfigError, match="has sources of depth: leave"):
             STEPPERS["rk4"](Model(mesh, scene), 100.0).step()
+        with pytest.raises(ConfigError, match="has sources of depth: leave"):
+            Simulation(scene, ne=2, np=4)  # before it opens a file
     forced = replace(flow, effects=(*flow.effects, Forcing()), forcing=wind_alone)
     assert Model(mesh, forced).limiter is not None

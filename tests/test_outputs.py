@@ -282,7 +282,7 @@ def test_the_initial_file_is_not_replaced(tmp_path):
 
 
 def test_further_files_that_were_moved_with_a_run_are_continued(swe, tmp_path, monkeypatch):
-    """Those beside the file that is resumed; those of a copied folder stay as they are."""
+    """A run resumes the files beside its own; those of a copied folder stay as they are."""
     old, new = tmp_path / "old", tmp_path / "new"
     old.mkdir()
     (old / "run.toml").write_text(TABLES)

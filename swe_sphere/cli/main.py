@@ -66,7 +66,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """
     token = command_began.set(time.monotonic() - (process_age() if arguments is None else 0.0))
     if arguments is None:
-        arguments, os.environ["MPLBACKEND"] = sys.argv[1:], "agg"  # pictures are files
+        arguments = sys.argv[1:]
+        os.environ["MPLBACKEND"] = "agg"  # pictures are files
     open_streams()
     try:
         with print_lines(), on_compile(lambda: LOGGER.info(COMPILING)):

@@ -97,7 +97,7 @@ class RightHandSide:
                     operator(x if source is None else source, out if target is None else target)
 
     def without_time(self, x: wp.array, out: wp.array) -> None:
-        """Evaluate a component without counter, with the prescribed wind that was set last."""
+        """Evaluate a component that sets no time: a prescribed wind is the one set last."""
         self(x, 0.0, out)
 
 

@@ -155,6 +155,11 @@ class Scene:
             return False  # hq (1 + b/h) is smoothed
         return self.wind is not None and all(effect.degree == 1 for effect in self.effects)
 
+    @property
+    def changes_depth(self) -> bool:
+        """True if an effect at a point (relaxation, or a custom one) changes the depth."""
+        return any(isinstance(e, PointwiseEffect) and e.tendencies[1] for e in self.effects)
+
     def effect(self, name: str) -> Effect | None:
         """Return the effect of that name, or None if the scene does not have it."""
         return next((effect for effect in self.effects if effect.name == name), None)

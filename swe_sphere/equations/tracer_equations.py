@@ -8,7 +8,7 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.discrete_scene import DiscreteScene
-from swe_sphere.equations.effects import PointwiseEffect, Tracers
+from swe_sphere.equations.effects import Tracers
 from swe_sphere.equations.right_hand_side import Operation, element_terms, term_operations
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
@@ -89,10 +89,9 @@ class TracerEquations:
             return None
         if not scene.initial(mesh.lon, mesh.lat)[2].min() > 0.0:
             raise ConfigError(f"{scene.name}: tracers.limiter needs a positive depth everywhere")
-        pointwise = (e for e in scene.effects if isinstance(e, PointwiseEffect))
         at, times = scene.forcing, (0.0, 0.4 * scene.days * DAY)
         forced = at is not None and any(np.any(at(mesh.lon, mesh.lat, t)[2]) for t in times)
-        if forced or any(effect.tendencies[1] for effect in pointwise):
+        if forced or scene.changes_depth:
             raise ConfigError(f"{scene.name} has sources of depth: leave tracers.limiter out")
         ratios = np.stack([*mixing_ratios(scene, mesh).values()])
         bounds = ratios.min(axis=1), ratios.max(axis=1)

@@ -43,7 +43,8 @@ MARK = b"\x12@\xfe\x01rec\x02"
 SUFFIX = ".zarr"
 """Ending of the names of stores."""
 CONSOLIDATED, ATTRIBUTES = ".zmetadata", ".zattrs"
-IN_STORES = r"[\d.]+|\.z(metadata|attrs|group|array)|zarr\.json|.*\.part(ial)?"  # left by kills
+IN_STORES = r"[\d.]+|\.z(metadata|attrs|group|array)|zarr\.json|.*\.part(ial)?"
+"""Names of the files of stores, with those that killed programs leave."""
 
 
 def is_store(path: Path) -> bool:
@@ -60,7 +61,7 @@ def check_free(path: Path, overwrite: bool) -> None:
 
 
 def check_place(path: Path, what: str = "") -> None:
-    """Raise ConfigError, "what" first, if a file there would replace, or be in, something else."""
+    """Raise ConfigError, which begins with `what`, for a place in a store or taken by a folder."""
     for folder in filter(is_store, path.absolute().parents):
         raise ConfigError(f"{what}{folder} is a Zarr store: choose a place outside of it")
     if not path.is_dir():

@@ -65,6 +65,8 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         self._bottom, self._coriolis, self._about = bottom, coriolis, about or {}
         self._earlier = None if append_from is None else RunFile(self.path)
         self._from = append_from or 0.0
+        frames = np.zeros(0) if self._earlier is None else self._earlier.times
+        self.kept_times = frames[frames < self._from]  # of frames of the earlier run [s]
         kept: dict[str, Any] = {}
         size = 0
         if self._earlier is not None:
@@ -187,12 +189,12 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         self._growing.define(data)
         self._growing.set_summary(json.dumps({"completed": False}))
         if self._earlier is not None:
-            self._copy_frames(self._earlier.times, data)
+            self._copy_frames(data)
         for k, time in enumerate(times):
             sample = {name: earlier[name][k] for name in self._series if name in earlier}
             self._growing.add_sample(self._sample(time, sample))
 
-    def _copy_frames(self, times: Array, new: xr.Dataset) -> None:
+    def _copy_frames(self, new: xr.Dataset) -> None:
         """Copy the frames of the earlier run; raises ConfigError if they contain other fields.
 
         Frames that the run wrote after its last checkpoint are omitted: they are written again.
@@ -205,7 +207,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
             )
             if ours != theirs:
                 raise ConfigError(f"cannot resume in {self.path}: its frames hold other fields")
-            for k in range(np.count_nonzero(times < self._from)):
+            for k in range(self.kept_times.size):
                 values = {n: read_values(self.path, n, data[n][k].variable) for n in names}
                 self._growing.add_record(values, wait=False)
 

@@ -220,7 +220,6 @@ class Recorder(Observer):
     def _open(self) -> str:
         """Create the file and return the identifier of its run, which a resumed run keeps."""
         from swe_sphere.io.netcdf import FrameWriter  # netCDF4 is slow to import
-        from swe_sphere.io.runfile import RunFile
 
         sim, plan, output, config = self.sim, self.plan, self._output, self.sim.config
         transform, ahead = None, plan.steps - sim.steps
@@ -237,11 +236,6 @@ class Recorder(Observer):
                 transform = partial(on_grid, at=Interpolator(sim.mesh, *grid.points), grid=grid)
         if output is not None and sim.steps and not path.exists():
             sim.warn(f"output: {path} does not exist: it begins at day {sim.time / DAY:.4g}")
-        if output is not None and continues:
-            kept = (times := RunFile(path).times)[times <= sim.time]
-            interval = HOUR * output.every if output.every else plan.frame_steps * plan.dt
-            if sim.time - max(kept, default=0.0) > 1.001 * max(interval, *np.diff(kept), 0.0):
-                sim.warn(f"output: {path} lacks the frames before day {sim.time / DAY:.4g}")
         attributes = {"run_id": sim.run_id or uuid.uuid4().hex} | sim.attributes(only)
         self._writer = FrameWriter(
             path, sim.mesh, attributes, bottom=sim.model.bottom, coriolis=sim.model.coriolis,
@@ -254,6 +248,11 @@ class Recorder(Observer):
             name = "out" if output is None else "output"
             also = "" if config.restart else ", or replace it with --overwrite"
             raise ConfigError(f"{name}: {path} belongs to another run: choose another name{also}")
+        if output is not None and continues:
+            kept = self._writer.kept_times
+            interval = HOUR * output.every if output.every else plan.frame_steps * plan.dt
+            if sim.time - max(kept, default=0.0) > 1.001 * max(interval, *np.diff(kept), 0.0):
+                sim.warn(f"output: {path} lacks the frames before day {sim.time / DAY:.4g}")
         return self._writer.run_id
 
     def write_first(self) -> None:

@@ -195,6 +195,7 @@ class Simulation(NotCopyable):
         launch, self.comm = (config.device, config.precision, config.launch), world()
         self.model = Model(self.mesh, self.scene, *launch, comm=self.comm)
         """The compiled right-hand side."""
+        _ = self.model.limiter  # refused, if at all, before a file is written
         self._times: dict[float, list[float]] = {}  # by the length of the run [days]
         self._limits: dict[float, float] = {}  # by the last of these times [s]
         self.warn: Warn = lambda text: None
@@ -455,7 +456,7 @@ class Simulation(NotCopyable):
                     notify(observer, "begin", self.plan, self.snapshot)
                     stack.callback(self._end, observer)
                 self.accept_changes(before)
-                _ = self.snapshot.user_values  # which may fail, before the first step
+                _ = self.snapshot.user_values  # custom diagnostics fail here, if at all
                 with users_code(), nullcontext() if interruption else noted:
                     Loop(self, observers, time_limit, noted, since).step_to_end()
                 _ = self.diagnostics  # one that fails ends the run like other errors

@@ -35,8 +35,8 @@ class Passes:
     """Steps depth and tracers, or the wind, by explicit Euler steps, while the other is held.
 
     The equations are evaluated at combinations of time levels, which each pass stores for later
-    passes: `mass_mix` holds the masses, and `wind_mix` the wind that carries and is advected and
-    rotated, with the depth whose gradient accelerates it. Both have the size of a state; in
+    passes: `mass_mix` holds the masses; `wind_mix` holds the wind that carries them and enters its
+    own equation, and the depth whose gradient accelerates it. Both have the size of a state; in
     linearised dynamics they are differences from the base. A prescribed wind is not stepped. If the
     model accumulates a mass flux, it is the flux that steps the depth.
     """

@@ -120,10 +120,8 @@ class ImexRungeKutta(ImexStepper):
         self._depths = VectorSpace(model.mesh.area, mesh=mesh)
         a_e, a_i = tableau(self.explicit, stages), tableau(self.implicit, stages)
         self._tau, self._offsets = dt * self.implicit[0][-1], dt * a_e.sum(axis=1)
-        self._sums = [
-            scaled_rows(stack, dt * np.concatenate([e, np.tril(a_i, -1)[i] - e]))
-            for i, e in enumerate(a_e)
-        ]
+        rows = (np.concatenate([e, np.tril(a_i, -1)[i] - e]) for i, e in enumerate(a_e))
+        self._sums = [scaled_rows(stack, dt * row) for row in rows]
         self._last = scaled_rows(stack, dt * np.array(self.b))
 
     def make_guesses(self, slope: wp.array) -> None:

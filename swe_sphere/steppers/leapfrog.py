@@ -162,7 +162,7 @@ class SemiImplicit(ImexStepper, Leapfrog):
 
 
 def filtered_factor(old: Complex, new: Complex) -> Array:
-    """Return the largest |factor| of the scheme x+ = old x- + new x with the filter.
+    """Return the largest amplification by the scheme x+ = old x- + new x with the filter.
 
     Its levels are rows of weights of (x-, x), which a step with the filter's displacement D =
     strength / 2 (x- - 2 x + x+) maps to (x + share D, x+ - (1 - share) D).

@@ -140,7 +140,7 @@ class SplitPenalty:
     def is_due(self, steps: int, before: int = 0) -> bool:
         """Return whether the penalty acts before the step that follows `steps` after the start.
 
-        before: steps from time 0 to the start; one between actions on two levels omits the second.
+        before: steps from time 0 to the start. A start between two actions omits the second one.
         """
         turn = (before + steps - self.every // 2) % self.every
         return turn < self._levels and (turn <= steps or not before)

@@ -147,9 +147,8 @@ def runge_kutta_factor(b: Array, *parts: tuple[Array, Complex]) -> Array:
     b: the weights; parts: matrices A_k, each with its eigenvalues times dt z_k; z = sum z_k.
     """
     stacked = np.broadcast_arrays(*(z for _, z in parts))
-    matrix = np.eye(len(b)) - sum(
-        z[..., None, None] * a for (a, _), z in zip(parts, stacked, strict=True)
-    )
+    terms = (z[..., None, None] * a for (a, _), z in zip(parts, stacked, strict=True))
+    matrix = np.eye(len(b)) - sum(terms)
     stages = np.linalg.solve(matrix, np.ones((*matrix.shape[:-1], 1)))[..., 0]
     return np.asarray(np.abs(1.0 + sum(stacked) * (stages @ b)))
 

@@ -342,13 +342,12 @@ class Stepper(Trajectory, ABC):
     @classmethod
     def stable_dt(cls, radii: SpectralRadii) -> float:
         """Return the largest stable step [s] for the result of `spectral_radii`."""
-        wave, dissipation = radii.wave, radii.dissipation
-        method = cls.amplification, wave, dissipation, cls.reach
-        return largest_step(*method, growth_time=GROWTH_TIME)
+        largest = radii.wave, radii.dissipation
+        return largest_step(cls.amplification, *largest, cls.reach, growth_time=GROWTH_TIME)
 
     @classmethod
     def amplification(cls, z_wave: Complex, z_dissipation: Complex) -> Array:
-        """Return the largest |factor| of a step, given eigenvalues times dt of both kinds."""
+        """Return the largest modulus of amplification factors, given eigenvalues times dt."""
         raise ConfigError(
             f"stepper {cls.name} defines no `amplification(cls, z_wave, z_dissipation)`, from"
             " which its stability limit follows"

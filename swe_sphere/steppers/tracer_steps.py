@@ -8,7 +8,6 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.equations.effects import PointwiseEffect
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import spectral_radius
 from swe_sphere.errors import ConfigError, Unstable
@@ -59,8 +58,7 @@ def why_not(model: Model, kind: type[Stepper], adaptive: float | None = None) ->
         return f"{scene.name} has no tracers"
     if kind.family not in ("explicit", "imex"):
         return f"{kind.name} includes tracers in its solves"
-    pointwise = (e for e in scene.effects if isinstance(e, PointwiseEffect))
-    if scene.forcing is not None or any(effect.tendencies[1] for effect in pointwise):
+    if scene.forcing is not None or scene.changes_depth:
         return f"{scene.name} has sources of depth"
     return None
 

@@ -273,8 +273,8 @@ METADATA = tested(
         "frame at the restart written twice",
         "swe_sphere/io/netcdf.py",
         ("test_going_on.py::test_a_file_is_known_by_its_place_and_not_by_its_name",),
-        "np.count_nonzero(times < self._from)",
-        "np.count_nonzero(times <= self._from)",
+        "frames[frames < self._from]",
+        "frames[frames <= self._from]",
     ),
     (
         "a resumed file forgets its history",

@@ -331,9 +331,7 @@ class Evaluator:
             ]  # fmt: skip
             best: RunSpec | None = None
             for pair in pairwise(plans):
-                coarse, fine = (
-                    RunSpec(setup, steps.dt, steps, "converged", setup.refusal) for steps in pair
-                )
+                coarse, fine = (RunSpec(setup, x.dt, x, "converged", setup.refusal) for x in pair)
                 if self._kept(fine) is None:
                     if best is not None and (self._runner.has_compared or self._resolves(best)):
                         break
