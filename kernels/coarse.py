@@ -95,19 +95,14 @@ def chebyshev_step(
 
 
 @kernel
-def tall_product(
-    at: Numbers, columns: Numbers, values: registers, x: vector, add: int, out: registers
-):
-    """Set out = M x, or out += M x if `add`, over groups of `lanes` rows of a `TallMatrix`.
+def tall_product(at: Numbers, columns: Numbers, values: registers, x: vector, out: registers):
+    """Set out = M x, over groups of `lanes` rows of a `TallMatrix`.
 
     The rows of a group share their columns. The `values` of group g are entries k from at[g] to
     at[g + 1]; entry k belongs to columns[k].
     """
     g = wp.tid()
-    total = numbers_sum(at, columns, values, x, g)
-    if add > 0:
-        total += out[g]
-    out[g] = total
+    out[g] = numbers_sum(at, columns, values, x, g)
 
 
 @kernel

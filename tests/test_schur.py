@@ -239,9 +239,11 @@ def test_chebyshev_steps_have_the_optimal_smoothing_constant(degree: int) -> Non
 
 
 @pytest.mark.parametrize("np_", [3, 6])
-@pytest.mark.parametrize("tau", [TAU, 60.0 * TAU])
-def test_symmetric_multilevel_is_symmetric(tau: float, np_: int) -> None:
-    """Without rotation M B^-1 is, so that conjugate gradients can use it; and it is positive.
+@pytest.mark.parametrize(("tau", "most"), [(TAU, 0.15), (60.0 * TAU, 0.95)])
+def test_multilevel_reduces_every_error_in_conjugate_gradients(
+    tau: float, most: float, np_: int
+) -> None:
+    """Without rotation, errors are measured in the norm of S, which conjugate gradients minimise.
 
     At the larger step it makes more cycles than one at np 3, and more Chebyshev steps at np 6.
     """
@@ -252,7 +254,7 @@ def test_symmetric_multilevel_is_symmetric(tau: float, np_: int) -> None:
     operator = SchurOperator(on_device, GRAVITY, host.coriolis, wp.float32)
     depth = depth_of(mesh)
     operator.configure(tau, depth)
-    inner = Multilevel(operator, symmetric=True)
+    inner = Multilevel(operator, smooths_first=True)
     b, x = operator.field(), operator.field()
     inner.setup(tau, depth)
     columns = []
@@ -260,9 +262,10 @@ def test_symmetric_multilevel_is_symmetric(tau: float, np_: int) -> None:
         operator.put(unit, b)
         inner.solve(b, x)
         columns.append(operator.fetch(x))
-    weighted = mesh.area[:, None] * np.stack(columns, axis=1)
-    assert np.abs(weighted - weighted.T).max() < 1e-5 * np.abs(weighted).max()
-    assert np.linalg.eigvalsh(weighted + weighted.T)[0] > 0.0
+    matrix = host.matrix(tau, depth).toarray()
+    left = np.eye(mesh.size) - np.stack(columns, axis=1) @ matrix
+    root = np.linalg.cholesky(mesh.area[:, None] * matrix).T
+    assert np.linalg.norm(root @ left @ np.linalg.inv(root), 2) < most
 
 
 @pytest.mark.parametrize(
@@ -294,5 +297,5 @@ def test_diffusion_keeps_the_number_of_chebyshev_steps_of_short_steps() -> None:
         model = Model(mesh_of(6), make_scene(*effects))
         made = make_preconditioner("helmholtz", model)
         made.setup(model.initial_state(), 60.0 * TAU)
-        counts.append(len(made._multilevel._steps))
+        counts.append(len(made._multilevel._last))
     assert counts[0] > counts[1] == 5

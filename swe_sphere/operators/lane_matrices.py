@@ -92,12 +92,10 @@ class TallMatrix:
         )
         self._parts = wp.zeros(column.size, dtype=mesh.real, device=mesh.device)
 
-    def __call__(self, x: Field, out: Field, add: bool = False) -> None:
-        """Set out = M x, or out += M x if `add`."""
-        self._launch(
-            self._product, self._groups, self._at, self._columns, self._values, x.flat,
-            int(add), out.values,
-        )  # fmt: skip
+    def __call__(self, x: Field, out: Field) -> None:
+        """Set out = M x."""
+        entries = self._at, self._columns, self._values
+        self._launch(self._product, self._groups, *entries, x.flat, out.values)
 
     def transposed(self, y: Field, out: Field) -> None:
         """Set out = M^T y; y may be longer than M has rows."""

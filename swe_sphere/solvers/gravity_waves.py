@@ -182,7 +182,7 @@ class GravityWaves:
         coriolis = np.zeros(model.mesh.size)
         self.operator = schur_operator(model, coriolis, wp.float64, mesh.real)
         self._rough = schur_operator(model, coriolis, wp.float32, mesh.real)
-        self._inner = Multilevel(self._rough, symmetric=True)
+        self._inner = Multilevel(self._rough, smooths_first=True)
         self._rough_fields = self._rough.field(), self._rough.field()
         self._fields = self.operator.field(), self.operator.field()
         area = model.mesh.area / model.mesh.area.sum()
@@ -218,18 +218,29 @@ class GravityWaves:
         self._counters["setups"] += 1
         self._counters["setup_seconds"] += time.perf_counter() - start
 
-    def solve(self, r: wp.array, guess: wp.array, out: wp.array, tolerance: float) -> LinearResult:
-        """Set out = (I - tau L)^-1 r, both states, from a guess (N,) of the depth.
+    def solve(
+        self, r: wp.array, guess: wp.array | None, out: wp.array, tolerance: float,
+        scale: float | None = None,
+    ) -> LinearResult:  # fmt: skip
+        """Set out = (I - tau L)^-1 r, both states, from a guess (N,) of the depth; None for 0.
 
-        tolerance: residual of the eliminated system relative to its right-hand side. The masses of
-        `out` are those of r, for any tolerance. All arrays are of the run's number type.
+        tolerance: residual of the eliminated system relative to `scale` [m], by default to its
+        right-hand side. The masses of `out` are those of r, for any tolerance. All arrays are of
+        the run's number type.
         """
         b, h = self._fields
         self.operator.eliminate(r, b)
         self.operator.to_nodes(b, self._b)
-        self.operator.to_field(guess, h)
-        self.operator.to_nodes(h, self._h)
-        result = self._krylov.solve(self._system, self._b, self._h, self._precondition, tolerance)
+        if guess is not None:
+            self.operator.to_field(guess, h)
+            self.operator.to_nodes(h, self._h)
+        size = self.space.norm(self._b)
+        if scale is not None:
+            tolerance *= scale / (size or 1.0)
+        result = self._krylov.solve(
+            self._system, self._b, self._h, self._precondition, tolerance, scale=size,
+            guess=guess is not None,
+        )  # fmt: skip
         self.space.match_mean(self._b, self._h, self._ones)
         self.operator.to_field(self._h, h)
         self.operator.substitute(r, h, out)

@@ -176,22 +176,28 @@ class StageSolver(TimeDerivatives):
 class WaveSolver(StageSolver):
     """Solver of (I - tau L) x = r, with L of `GravityWaves`.
 
-    The tolerance is relative to the right-hand side of the eliminated equation for the depth.
-
     name: the stepper's, for messages.  Raises ConfigError for a scene without gravity waves.
     """
 
     def __init__(self, model: Model, tolerance: float, name: str) -> None:
         super().__init__(model, tolerance)
         self.waves, self._name = GravityWaves(model), name
+        self._depth_per_wind = math.sqrt(self.waves.depth.mean() / model.scene.planet.gravity)
+        """Change of depth [m] with the energy of a change of wind of 1 m/s."""
 
-    def solve(self, tau: float, t: float, r: wp.array, guess: wp.array, out: wp.array) -> None:
+    def solve(
+        self, tau: float, t: float, r: wp.array, guess: wp.array | None, out: wp.array,
+        change: float | None = None,
+    ) -> None:  # fmt: skip
         """Set out = (I - tau L)^-1 r, both states, from a guess of its depth (N,), from t [s] on.
 
-        Raises SolverFailed if the solve does not converge.
+        guess: None for 0; change: norm [m s-1] of the change to which the tolerance is relative, by
+        default the right-hand side of the eliminated equation for the depth. Raises SolverFailed if
+        the solve does not converge.
         """
         self.waves.setup(tau)
-        result = self.waves.solve(r, guess, out, self.tolerance)
+        scale = None if change is None else self._depth_per_wind * change
+        result = self.waves.solve(r, guess, out, self.tolerance, scale)
         self.counters["krylov_iterations"] += result.iterations
         if not result.converged:
             raise SolverFailed(

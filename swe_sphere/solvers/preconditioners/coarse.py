@@ -265,13 +265,12 @@ class CoarseCorrection:
 
     The smooth waves have the compact Helmholtz operator, the computational modes the Galerkin
     operators of S. The longest smooth waves are first solved for exactly, on a mesh so coarse that
-    a dense inverse suffices; with `symmetric` once more at the end.
+    a dense inverse suffices.
     """
 
-    def __init__(self, operator: SchurOperator, symmetric: bool) -> None:
+    def __init__(self, operator: SchurOperator) -> None:
         mesh, spaces = operator.mesh.mesh, coarse_spaces(operator.mesh.mesh)
-        self._operator, self._symmetric = operator, symmetric
-        self._hats = spaces[0]
+        self._operator, self._hats = operator, spaces[0]
         area = scipy.sparse.diags_array(mesh.area)
         bases = [interpolation(mesh, space) for space in spaces]
         self._mass, *masses = [(basis.T @ (area @ basis)).tocsr() for basis in bases]
@@ -295,7 +294,7 @@ class CoarseCorrection:
             self._join = Halo(operator.mesh.launch, self._r.flat, sends, owned, self._smooth_r.flat)
             """The residual of all smooth functions, each from the rank that owns it."""
             ring = self._part.ring()
-            for each in (self._d, self._new, self._found)[: 2 + symmetric]:
+            for each in (self._d, self._new):
                 operator.mesh.register_exchange(each.flat, *ring)
 
     def setup(self, tau: float, depth: Array) -> None:
@@ -328,31 +327,25 @@ class CoarseCorrection:
         exchange, per_diagonal = self._operator.mesh.exchange, self._per_diagonal.values
         self._part.restrict(b, self._b)
         wp.copy(self._r.values, self._b.values)
-        self._solve_longest(d, add=False)
+        self._solve_longest(d)
         before, product = d, self._smooth
         for left, coefficients in zip(range(COARSE_STEPS)[::-1], self._coefficients, strict=True):
             product.chebyshev_step(coefficients, per_diagonal, self._r, (d, new), before, found)
             if left:
                 exchange(new)
             before, d, new, product = found, new, d, self._matrix
-        if self._symmetric:
-            exchange(found)
-            wp.copy(self._r.values, self._b.values)
-            nothing = (0.0, 0.0, 0.0)  # only the residual is updated
-            self._smooth.chebyshev_step(nothing, per_diagonal, self._r, (found, new), found, found)
-            self._solve_longest(found, add=True)
         if not add:
             x.values.zero_()
         self._part.prolong(found, x)
 
-    def _solve_longest(self, out: Field, add: bool) -> None:
-        """Set out = P A^-1 P^T r for the longest waves, or add it to out."""
+    def _solve_longest(self, out: Field) -> None:
+        """Set out = P A^-1 P^T r for the longest waves."""
         once, twice = self._few
         if self._smooth_r is not self._r:
             self._join()
         self._gather(self._smooth_r, once)
         self._exact(once, twice)
-        self._spread(twice, out, add)
+        self._spread(twice, out)
 
 
 def longest_waves(mesh: Mesh, smooth: scipy.sparse.csr_array) -> scipy.sparse.csr_array:

@@ -15,9 +15,11 @@ DEGREES = {3: 3, 4: 2}
 """Number of Chebyshev steps by np.  At np 3 all families of waves share the wave with nodal values
 1, 0, -1, 0: the coarse correction overshoots it, and two steps do not reduce it, so that the cycle
 is singular from some mesh size on."""
+FIRST_STEPS = 2
+"""Number of Chebyshev steps before the first correction for conjugate gradients."""
 LONG = 10.0
-"""Gravity-wave Courant number (root of the largest diagonal entry of S) above which one more
-Chebyshev step after the last correction pays off and, without `symmetric`, a second cycle."""
+"""Gravity-wave Courant number (root of the largest diagonal entry of S) above which a second cycle
+pays off, with one more Chebyshev step after the last correction."""
 COURANT_A_CYCLE, MOST_CYCLES = 20.0, 4
 """Each such increase of the gravity-wave Courant number adds a cycle, up to MOST_CYCLES."""
 COURANT_A_STEP, LEAST_STEPS, MOST_STEPS, VERY_LONG = 2.2, 4, 16, 40.0
@@ -40,14 +42,14 @@ def schur_operator(
 class Multilevel:
     """Cycles of a coarse correction, of smooth waves and computational modes, and Chebyshev steps.
 
-    Large gravity-wave Courant numbers add Chebyshev steps and cycles. With `symmetric`, as many
-    steps precede each correction, as conjugate gradients need.
+    Large gravity-wave Courant numbers add Chebyshev steps and cycles. With `smooths_first`, steps
+    precede the first correction too, which saves iterations of conjugate gradients.
     """
 
-    def __init__(self, operator: SchurOperator, symmetric: bool = False) -> None:
+    def __init__(self, operator: SchurOperator, smooths_first: bool = False) -> None:
         self.operator = operator
-        self._symmetric = symmetric
-        self._coarse = CoarseCorrection(operator, symmetric)
+        self._smooths_first = smooths_first
+        self._coarse = CoarseCorrection(operator)
         self._direction, self._rest = operator.field(), operator.field()
 
     def setup(self, tau: float, depth: Array) -> None:
@@ -56,31 +58,29 @@ class Multilevel:
         np_, is_long = self.operator.mesh.mesh.np, courant > LONG
         if np_ > 4 and self.operator.damping is None:
             last = min(max(round(courant / COURANT_A_STEP), LEAST_STEPS), MOST_STEPS)
-            between = last if self._symmetric else last // 2
-            self._cycles = 1 + (courant > VERY_LONG)
+            between, self._cycles = last // 2, 1 + (courant > VERY_LONG)
         else:
             steps = DEGREES.get(np_, LEAST_STEPS)
-            last = between = steps + is_long
-            self._cycles = min(1 + int(courant / COURANT_A_CYCLE), MOST_CYCLES)
-            if is_long and not self._symmetric:
-                between = steps - (self._cycles == 1)
-                self._cycles = max(self._cycles, 2)
-        self._steps, self._between = (chebyshev_coefficients(n, largest) for n in (last, between))
+            cycles = min(1 + int(courant / COURANT_A_CYCLE), MOST_CYCLES)
+            last, between = steps + is_long, steps - (cycles == 1)
+            self._cycles = max(cycles, 1 + is_long)
+        self._first, self._between, self._last = (
+            chebyshev_coefficients(n, largest) for n in (FIRST_STEPS, between, last)
+        )
         self._coarse.setup(tau, depth)
 
     def solve(self, b: Field, x: Field) -> None:
         """Set x to about S^-1 b; b is overwritten."""
-        rest, between = self._rest, self._between
+        rest = self._rest
         for cycle in range(self._cycles):
-            if cycle > 0 or self._symmetric:
-                self._smooth(between, b, rest, x, from_zero=cycle == 0)
-                self.operator.residual(b, x, rest)
-                self._coarse.correct(rest, x)
-            else:
+            if cycle == 0 and not self._smooths_first:
                 self._coarse.correct(b, x, add=False)
-            if self._symmetric and cycle < self._cycles - 1:
-                self._smooth(between, b, rest, x)
-        self._smooth(self._steps, b, b, x)
+                continue
+            steps = self._between if cycle else self._first
+            self._smooth(steps, b, rest, x, from_zero=cycle == 0)
+            self.operator.residual(b, x, rest)
+            self._coarse.correct(rest, x)
+        self._smooth(self._last, b, b, x)
 
     def _smooth(
         self, steps: list[Step], b: Field, r: Field, x: Field, from_zero: bool = False
