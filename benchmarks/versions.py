@@ -1,6 +1,6 @@
 """Time of right-hand sides and steps, now and at an earlier commit, measured in turns.
 
-    python benchmarks/versions.py [COMMIT] [--rounds N] [--pairs P]
+    python benchmarks/versions.py [COMMIT] [--rounds N] [--pairs P] [--only NAMES]
 
 Each version runs in a separate process and takes steps on request, so that both versions see the
 same load of the machine.  Times depend on the placement of memory, by 20 % at ne16; therefore
@@ -41,6 +41,9 @@ CASES = (
     ("semi-implicit", 16, 4, 1200.0, 6),
     ("ars343", 16, 4, 1200.0, 4),
     ("semi-implicit", 30, 4, 600.0, 4),
+    ("semi-implicit", 60, 4, 400.0, 2),
+    ("ark2", 30, 4, 1200.0, 2),
+    ("ars343", 30, 4, 1800.0, 1),
     ("bdf2", 16, 4, LONG, 5),
     ("bdf2", 30, 4, LONG, 3),
     ("bdf2", 60, 4, LONG, 1),
@@ -118,17 +121,18 @@ def seconds(process: subprocess.Popen[str], case: tuple[object, ...]) -> float:
     return float(process.stdout.readline())
 
 
-def measured(commit: str, rounds: int, pairs: int) -> list[list[str]]:
+def measured(commit: str, rounds: int, pairs: int, names: list[str]) -> list[list[str]]:
     """Return a row for each of `CASES`; the version that goes first changes with the round."""
-    times: dict[tuple[object, ...], list[list[tuple[float, float]]]] = {case: [] for case in CASES}
+    cases = [case for case in CASES if case[0] in names or not names]
+    times: dict[tuple[object, ...], list[list[tuple[float, float]]]] = {case: [] for case in cases}
     for _ in range(pairs):
         with version(commit) as old, version("HEAD") as new:
-            for case in CASES:
+            for case in cases:
                 times[case].append([])
                 for process in (old, new):
                     seconds(process, case)
             for number in range(rounds):
-                for case in CASES:
+                for case in cases:
                     order = (old, new) if number % 2 else (new, old)
                     found = {process: seconds(process, case) for process in order}
                     times[case][-1].append((found[old], found[new]))
@@ -152,6 +156,7 @@ def main(
     commit: Annotated[str, typer.Argument(help="The earlier commit.")] = THEN,
     rounds: Annotated[int, typer.Option(help="Number of turns of a pair of processes.")] = 9,
     pairs: Annotated[int, typer.Option(help="Number of pairs of processes.")] = 3,
+    only: Annotated[str, typer.Option(help="Names of the calls to measure; empty: all.")] = "",
 ) -> None:
     """Measure, print and write the page."""
 
@@ -162,7 +167,7 @@ def main(
             f" least of {pairs} pairs of processes with {rounds} rounds each, their ratio, and"
             " the median ratio of a pair (of the pairs: the middle one, the least, the largest).",
             ["", "mesh", "then", "now", "now / then", "median ratio of a pair"],
-            measured(commit, rounds, pairs),
+            measured(commit, rounds, pairs, only.split(",") if only else []),
         )
 
     measure("versions", {commit: section}, [commit])
