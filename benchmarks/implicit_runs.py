@@ -39,8 +39,8 @@ def race() -> Section:
     return Section(
         "williamson5, 15 days: what accuracy costs in time",
         "The run with the least CPU time of three, made in turns. Explicit steppers run at 0.85 of "
-        "their stability limit, `semi-implicit` at its automatic steps. The gravity limit is that of "
-        "leapfrog without filter, 1/ρ. The column \"near the mountain\" covers 30° around it. "
+        "their stability limit, `semi-implicit` at its automatic steps. The gravity limit is that "
+        "of leapfrog without filter, 1/ρ. The column \"near the mountain\" covers 30° around it. "
         "Right-hand-side equivalents are CPU time over that of one right-hand side, measured "
         "before and after the run.",
         ["mesh", "stepper", "Δt [s]", "Δt / gravity limit", "l2", "l2 near the mountain",
