@@ -232,7 +232,7 @@ def _level(dataset: Any, axis: str) -> int | slice:
     """Return the index of 500 hPa on an axis of pressures, or a slice of all of any other axis."""
     variable = dataset.variables.get(axis)
     factor = KNOWN["pressure"].get(getattr(variable, "units", ""))
-    if factor is None or variable.shape == (1,):
+    if factor is None:
         return slice(None)
     found = np.flatnonzero(np.isclose(variable[:] * factor, 5e4))
     if found.size != 1:

@@ -106,6 +106,33 @@ def test_the_equatorial_part_of_a_flow_fixed_among_the_stars_turns():
     assert abs(now["equatorial_momentum_drift"]) < 1e-9
 
 
+def test_over_a_level_bottom_the_equatorial_part_is_not_conserved():
+    """Seen from the planet it changes by -W x I(h r x V), without a centrifugal force."""
+
+    def start(lon, lat):
+        hill = np.exp(-8.0 * (1.0 - np.cos(lat - 0.8) * np.cos(lon)))
+        return 0.0 * lon, 0.0 * lon, 3000.0 + 100.0 * hill
+
+    def rate():
+        state = sim.state
+        fields = (state[name].values for name in ("u", "v", "h"))
+        return -np.cross(axis, from_cross_products(mesh, *fields, 0.0 * axis))
+
+    scene = replace(get_scene("williamson2"), name="hill", initial=start, exact=None)
+    sim, axis = Simulation(scene, ne=3, np=10, dt=100.0), np.array([0.0, 0.0, EARTH.rotation])
+    mesh, first = sim.mesh, sim.diagnostics
+    rates = [rate()]
+    for step in range(12):
+        sim.run(days=(step + 1) / 48.0)
+        rates.append(rate())
+    expected = 1800.0 / 3.0 * np.array([1, *[4, 2] * 5, 4, 1]) @ np.array(rates)
+    now = sim.diagnostics
+    np.testing.assert_allclose(
+        vector(now) - vector(first), expected, atol=1e-4 * np.abs(expected).max()
+    )
+    assert abs(now["angular_momentum_drift"]) < 1e-9 < abs(now["equatorial_momentum_drift"])
+
+
 def test_a_mountain_changes_it_by_its_torque():
     """The axial component changes by -I(g h db/dlon), integrated with Simpson's rule here."""
 

@@ -172,6 +172,17 @@ def test_other_steppers_have_it_in_their_stages(name: str) -> None:
         np.testing.assert_array_equal(adaptive.state.numpy(), twin.state.numpy())
 
 
+def test_in_the_stages_of_an_explicit_stepper_it_limits_the_step() -> None:
+    """In rk4 with diffusion in its stages; the automatic step is then stable."""
+    kind = type("InStages", (STEPPERS["rk4"],), {"name": "in-stages", "splits_diffusion": False})
+    scene = get_scene("williamson5").with_effect(Hyperviscosity(3e19))
+    sim = Simulation(scene, stepper=kind, ne=3, np=4)
+    apart = Simulation(scene, stepper="rk4", ne=3, np=4)
+    assert sim.stable_dt() < 0.1 * apart.stable_dt()
+    sim.run(days=0.05)
+    assert sim.diagnostics["max_wind"] < 40.0
+
+
 @pytest.mark.thorough
 def test_apart_it_costs_an_implicit_stepper_no_iterations() -> None:
     """Counts are those without it; taken whole, which the preconditioner knows, half again."""

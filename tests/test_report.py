@@ -202,14 +202,14 @@ def test_several_datasets_make_one_page_with_an_answer_for_each(tmp_path):
     other = make_sweep(small | {"scene": "lauter"}, scene="lauter")
     page = write_report(
         {"williamson5": make_sweep(small), "lauter": other}, tmp_path,
-        recipe=Recipe("Two", (), notes={"lauter": "A remark."}),
+        recipe=Recipe("Two", (), notes={"lauter": "A **remark**, 2 < 3."}),
     ).read_text(encoding="utf-8")  # fmt: skip
     Page(page)
     head = page[page.index("<header>") : page.index("</header>")]
     assert "<h1>Two</h1>" in head
     assert "Cheapest to l2(h) ≤ 1e-3 (total error, day 15) on williamson5, ne16 np4: rk4" in head
     assert 'href="#lauter-1"' in head
-    assert "A remark." in page
+    assert "<p>A <strong>remark</strong>, 2 &lt; 3.</p>" in page
 
 
 def test_the_headline_is_on_the_slow_flow_where_its_error_is_known(dataset):

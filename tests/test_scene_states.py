@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import netCDF4
@@ -265,29 +266,29 @@ def test_the_sample_is_read_as_era5_writes_it() -> None:
 
 
 def test_names_of_ncep_and_one_of_several_levels(tmp_path: Path) -> None:
-    """Two levels, of which that of 500 hPa is the second."""
+    """Two levels, of which that of 500 hPa is the second; or one, which must be that."""
 
-    def change(file: netCDF4.Dataset) -> None:
-        file.createDimension("level", 2)
-        file.createVariable("level", "f4", ("level",))[:] = (850.0, 500.0)
+    def change(file: netCDF4.Dataset, pressures=(850.0, 500.0)) -> None:
+        file.createDimension("level", len(pressures))
+        file.createVariable("level", "f4", ("level",))[:] = pressures
         file["level"].units = "millibar"
         for ours, name in {"u": "uwnd", "v": "vwnd", "z": "hgt"}.items():
             values, units = file[ours][:], file[ours].units
             file.renameVariable(ours, f"old_{ours}")
             stacked = file.createVariable(name, "f8", ("time", "level", "lat", "lon"))
-            stacked[:] = np.stack([0.0 * values, values], axis=1)
+            stacked[:] = np.stack([0.0 * values, values][-len(pressures) :], axis=1)
             stacked.units = units
-
-    def other_levels(file: netCDF4.Dataset) -> None:
-        change(file)
-        file["level"][:] = (850.0, 700.0)
 
     lon, lat = points()
     plain = get_scene("williamson7", file=analysis(tmp_path / "a.nc")).initial(lon, lat)
     other = get_scene("williamson7", file=analysis(tmp_path / "b.nc", change)).initial(lon, lat)
     np.testing.assert_array_equal(plain, other)
-    with pytest.raises(ConfigError, match="level lacks the level of 500 hPa"):
-        get_scene("williamson7", file=analysis(tmp_path / "c.nc", other_levels))
+    alone = analysis(tmp_path / "alone.nc", partial(change, pressures=(500.0,)))
+    np.testing.assert_array_equal(plain, get_scene("williamson7", file=alone).initial(lon, lat))
+    for pressures in ((850.0, 700.0), (850.0,)):
+        with pytest.raises(ConfigError, match="level lacks the level of 500 hPa"):
+            path = tmp_path / f"{len(pressures)}.nc"
+            get_scene("williamson7", file=analysis(path, partial(change, pressures=pressures)))
 
 
 def test_a_filtered_analysis_has_nothing_above_its_degree() -> None:

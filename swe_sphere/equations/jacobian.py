@@ -80,9 +80,9 @@ class DifferenceJacobian:
         sizes = self._largest(state)
         names, gravity = self._names, self._model.scene.planet.gravity
         depth = sizes[names.index("h")] or 1.0
-        sizes[sizes == 0.0] = depth
         if "u" in names:
             sizes[:2] = max(sizes[:2].max(), np.sqrt(gravity * depth))
+        sizes[sizes == 0.0] = depth
         return sizes
 
 

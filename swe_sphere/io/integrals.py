@@ -119,8 +119,9 @@ def angular_momentum(
     u, v, h, f: as in `flow_integrals`. The components are along the axes of the rotating frame: x
     to 0°E, y to 90°E on the equator, z to the North Pole. Ω is the rotation whose Coriolis
     parameter is nearest to f in least squares. The component along Ω, or along z without rotation,
-    is the axial one, and the length of the remainder the equatorial one: the continuous equations
-    conserve the former over a bottom that is symmetric about the axis, both over a level bottom.
+    is the axial one, which the continuous equations conserve over a bottom symmetric about the
+    axis; the length of the remainder is the equatorial one. As the equations have no centrifugal
+    force, they conserve it only over b = (|Ω| a sin θ)²/(2g) + const, θ the latitude from Ω.
     """
     a = mesh.radius
     east, north, axes = (np.ascontiguousarray(x.T) for x in (mesh.east, mesh.north, mesh.xyz))

@@ -337,7 +337,8 @@ class Stepper(Trajectory, ABC):
     @classmethod
     def spectral_radii(cls, model: Model, state: wp.array, t: float = 0.0) -> SpectralRadii:
         """Return the spectral radii [s-1] of the explicit part of the method, for `stable_dt`."""
-        return model.inviscid.spectral_radii(state, t)
+        in_stages = model.inviscid if cls.splits_diffusion else model.unpenalised()
+        return in_stages.spectral_radii(state, t)
 
     @classmethod
     def stable_dt(cls, radii: SpectralRadii) -> float:

@@ -146,11 +146,19 @@ def write_report(
     pages = {"index.html": "report.html.j2"} | ({"README.md": "page.md.j2"} if recipe else {})
     for name, template in pages.items():
         files[name] = rendered(
-            "swe_sphere.studies.report", template, _link_rows, _attribute, run_table, notes=notes,
-            title=title or TITLE, sections=sections, recipe=recipe, repeatable=REPEATABLE,
+            "swe_sphere.studies.report", template, _link_rows, _attribute, _markdown, run_table,
+            notes=notes, title=title or TITLE, sections=sections, recipe=recipe,
+            repeatable=REPEATABLE,
         )  # fmt: skip
     write_made(Path(out), files)
     return Path(out) / "index.html"
+
+
+def _markdown(text: str) -> Markup:
+    """Return Markdown as HTML."""
+    from markdown_it import MarkdownIt
+
+    return Markup(MarkdownIt("commonmark", {"html": False}).enable("table").render(text))
 
 
 def _attribute(value: Any) -> str:

@@ -166,7 +166,7 @@ class Discretisation:
         self.config, self._own = config, own
         self.scene = build.make_scene(config, own)
         self.mesh = build.make_mesh(config, self.scene)
-        self._radii: dict[type[Stepper], list[SpectralRadii]] = {}
+        self._radii: dict[tuple[type[Stepper], bool], list[SpectralRadii]] = {}
 
     @cached_property
     def identity(self) -> str:
@@ -226,7 +226,7 @@ class Discretisation:
     def stable_dt(self, kind: type[Stepper]) -> float:
         """Return the approximate stability limit [s] of a stepper in a run, or infinity."""
         own = kind.spectral_radii.__func__ is not Stepper.spectral_radii.__func__  # type: ignore[attr-defined]
-        of = kind if own else Stepper
+        of = kind if own else Stepper, kind.splits_diffusion
         if of not in self._radii:
             times = self.sim.limiting_times()
             self._radii[of] = planning.run_radii(kind, self.sim.model, times)
