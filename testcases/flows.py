@@ -42,7 +42,7 @@ def at_rest(depth: float) -> State:
     return lambda lon, lat: (0.0 * lon, 0.0 * lat, depth + 0.0 * lat)
 
 
-def tilted_latitude(lon: Array, lat: Array, alpha: float) -> Array:
+def sin_tilted_latitude(lon: Array, lat: Array, alpha: float) -> Array:
     """Return the sine of the latitude relative to the axis (-sin α, 0, cos α); α [rad]."""
     sine: Array = np.sin(lat) * np.cos(alpha) - np.cos(lat) * np.cos(lon) * np.sin(alpha)
     return sine

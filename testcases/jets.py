@@ -121,7 +121,7 @@ def lauter(alpha: float = np.pi / 4.0) -> Scene:
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
         fixed = lon + EARTH.rotation * t
         turning = EQUATOR_SPEED * np.sin(lat)
-        total = SPEED * flows.tilted_latitude(fixed, lat, alpha) + turning
+        total = SPEED * flows.sin_tilted_latitude(fixed, lat, alpha) + turning
         surface = (133681.0 + 0.5 * turning**2 - 0.5 * total**2) / EARTH.gravity
         return *flows.solid_body(fixed, lat, alpha, SPEED), surface - bottom(lon, lat)
 
@@ -174,7 +174,7 @@ def tilted_jet(alpha: float = 0.08, speed: float = 40.0, gaussian: bool = False)
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
         fixed = lon + EARTH.rotation * t
         east, north = flows.solid_body(fixed, lat, alpha)
-        sine = flows.tilted_latitude(fixed, lat, alpha)
+        sine = flows.sin_tilted_latitude(fixed, lat, alpha)
         flow = jet(sine)
         return flow * east - EQUATOR_SPEED * np.cos(lat), flow * north, depth(sine)
 

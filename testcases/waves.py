@@ -196,10 +196,10 @@ def slow_ocean(m: int = 4, n: int = 10, speed: float = 0.1, linear: bool = False
     Args:
         m: number of waves around the globe, 1 to 50.
         n: degree of the harmonics that contain most of the currents, from m to m + 12.
-        speed: speed of the strongest current [m s-1].
+        speed: speed of the strongest current [m s-1], at most 10.
         linear: use the equations linearised about rest, for which the wave is exact.
 
-    Raises ConfigError for a wave that does not exist, and for a speed that is not positive.
+    Raises ConfigError for a wave that does not exist, and for a speed out of range.
     """
     if not 1 <= m <= 50 or not m <= n <= m + 12:  # its series is then right to round-off
         raise ConfigError(f"slow-ocean: m must be 1 to 50 and n m to m + 12, got {m} and {n}")

@@ -69,7 +69,7 @@ def williamson2(alpha: float = 0.0) -> Scene:
     fall = (EARTH.radius * EARTH.rotation * SPEED + 0.5 * SPEED**2) / EARTH.gravity
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        depth = 2.94e4 / EARTH.gravity - fall * flows.tilted_latitude(lon, lat, alpha) ** 2
+        depth = 2.94e4 / EARTH.gravity - fall * flows.sin_tilted_latitude(lon, lat, alpha) ** 2
         return *flows.solid_body(lon, lat, alpha, SPEED), depth
 
     return _steady(2, exact, alpha)
@@ -91,7 +91,7 @@ def williamson3(alpha: float = 0.0) -> Scene:
     """
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        sine = np.clip(flows.tilted_latitude(lon, lat, alpha), -1.0, 1.0)
+        sine = np.clip(flows.sin_tilted_latitude(lon, lat, alpha), -1.0, 1.0)
         east, north = flows.solid_body(lon, lat, alpha)
         around = np.hypot(east, north)  # cosine of the tilted latitude
         latitude = np.arctan2(sine, around)
@@ -105,7 +105,7 @@ def _steady(case: int, exact: UnsteadyState, alpha: float) -> Scene:
     """Return the scene of a steady flow about an axis of rotation that is tilted by alpha [rad]."""
     return flows.build_scene(
         f"williamson{case}", effects=flows.ROTATING, exact=exact,
-        coriolis=lambda lon, lat: 2.0 * EARTH.rotation * flows.tilted_latitude(lon, lat, alpha),
+        coriolis=lambda lon, lat: 2.0 * EARTH.rotation * flows.sin_tilted_latitude(lon, lat, alpha),
     )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.pictures.panels import panels
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases import get_scene
-from swe_sphere.testcases.flows import solid_body, tilted_latitude
+from swe_sphere.testcases.flows import sin_tilted_latitude, solid_body
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def test_solid_body_flow_is_exact(mesh, alpha):
 def test_the_axis_is_that_of_the_coriolis_parameter(mesh):
     """williamson2 tilts both; a planet that does not rotate has the axis z."""
     alpha, h, still = 1.0, np.full(mesh.size, 100.0), np.zeros(mesh.size)
-    f = 2.0 * EARTH.rotation * tilted_latitude(mesh.lon, mesh.lat, alpha)
+    f = 2.0 * EARTH.rotation * sin_tilted_latitude(mesh.lon, mesh.lat, alpha)
     found = angular_momentum(mesh, still, still, h, f)
     whole = 2.0 / 3.0 * 100.0 * EARTH.rotation * mesh.radius**2
     exact = whole * np.array([-np.sin(alpha), 0.0, np.cos(alpha)])

@@ -456,8 +456,9 @@ class Drag(PointwiseEffect):
 class Relaxation(PointwiseEffect):
     """-(h - h_eq) / time on the depth, `time` in [s], with h_eq [m] from `Scene.equilibrium`.
 
-    This is Newtonian cooling in a shallow layer. In a scene without an equilibrium, h_eq is the
-    depth of `Scene.initial`. Raises ConfigError if `time` is not positive.
+    This is Newtonian cooling in a shallow layer. If `Scene.with_effect` or a setting adds it to a
+    scene without an equilibrium, h_eq is the depth of `Scene.initial`; a scene that lists it itself
+    must define `equilibrium`. Raises ConfigError if `time` is not positive.
     """
 
     name = "relaxation"

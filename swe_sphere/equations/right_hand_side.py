@@ -72,8 +72,8 @@ COMPONENTS: Mapping[str, Component] = {
 class RightHandSide:
     """Computes out = F(x, t), or start + tau F(x, t) for a stage (start, tau) of a step.
 
-    F is one of `COMPONENTS`. In linearised dynamics all components are derivatives at the base of
-    the scene, applied to the difference of x from that base. Call an instance as rhs(x, t, out).
+    F is one of `COMPONENTS`. In linearised dynamics all but "tangent", which takes a direction, are
+    derivatives at the scene's base, applied to x minus it, plus forcing. Call it as rhs(x, t, out).
     """
 
     operations: tuple[Operation, ...]
@@ -201,7 +201,7 @@ def _point_term(effect: PointwiseEffect, known: Mapping[str, Any], tangent: bool
 
 
 def _read_around(formula: Callable[..., Any], *callers: Any) -> tuple[object, ...]:
-    """Return the values outside of a formula and of its Warp functions that both read, by name."""
+    """Return the outside values that a formula, and the Warp functions it calls, read, by name."""
     around, known = inspect.getclosurevars(formula), (None, formula, *callers)
     return tuple(
         (name, value.func.__code__, _read_around(value.func, formula, *callers))

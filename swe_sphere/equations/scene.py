@@ -42,8 +42,8 @@ Wind = Callable[[Array, Array, float], tuple[Array, Array]]
 Parameter = float | bool | str
 """Value of a scene parameter: a number, a boolean, a word or a path."""
 
-MOST_ELEMENTS = 10**6
-"""Largest accepted number of elements along an edge of the cube; more must be a typing error."""
+LARGEST_COUNT = 10**6
+"""Largest accepted value of ne, np and other whole numbers; more must be a typing error."""
 LONGEST_DAYS = 1e9
 """Largest accepted length of a run [days]; more must be a typing error."""
 
@@ -350,8 +350,8 @@ def _wrong_numbers(scene: Scene) -> Iterator[str]:
     sizes: dict[str, Any] = {"ne": scene.ne, "np": scene.np}
     for name, value in sizes.items():
         whole = isinstance(value, Integral) and not isinstance(value, bool)
-        if not (whole and 1 <= value <= MOST_ELEMENTS):
-            yield f"{name} must be a whole number from 1 to {MOST_ELEMENTS}, got {shown(value)}"
+        if not (whole and 1 <= value <= LARGEST_COUNT):
+            yield f"{name} must be a whole number from 1 to {LARGEST_COUNT}, got {shown(value)}"
     positive = {"days": scene.days, "radius": scene.planet.radius, "gravity": scene.planet.gravity}
     for name, number in positive.items():
         if not (is_finite(number) and number > 0.0):

@@ -15,7 +15,7 @@ from pydantic import (
     ValidationError,
 )
 
-from swe_sphere.equations.scene import LONGEST_DAYS, MOST_ELEMENTS
+from swe_sphere.equations.scene import LARGEST_COUNT, LONGEST_DAYS
 from swe_sphere.errors import ConfigError, shown, unknown_name
 from swe_sphere.settings.values import (
     FIELD_OWNERS,
@@ -77,7 +77,7 @@ FileName = Annotated[Path, AfterValidator(_nameable)]
 Names = Annotated[tuple[str, ...], BeforeValidator(_names)]
 Number = Annotated[float, _not_of(bool, str)]
 Positive = Annotated[Number, Field(gt=0.0)]
-Whole = Annotated[int, _not_of(bool, str), Field(ge=-MOST_ELEMENTS, le=MOST_ELEMENTS)]
+Whole = Annotated[int, _not_of(bool, str), Field(ge=-LARGEST_COUNT, le=LARGEST_COUNT)]
 Days = Annotated[Number, Field(ge=0.0, le=LONGEST_DAYS)]
 Hours = Annotated[Positive, Field(le=24.0 * LONGEST_DAYS)]
 NumberOrText = Annotated[float, _not_of(bool), Field(gt=0.0)]

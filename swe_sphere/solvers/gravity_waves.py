@@ -26,7 +26,7 @@ from swe_sphere.solvers.krylov import ConjugateGradients, LinearResult
 from swe_sphere.solvers.preconditioners.multilevel import Multilevel, schur_operator
 from swe_sphere.solvers.vector_space import Masses, VectorSpace
 
-DEEPEST = 0.8
+LEAST_DEPTH_SHARE = 0.8
 """Least reference depth, as a fraction of the depth below the highest surface.  Explicit waves grow
 sooner in fluid deeper than its reference than in shallower fluid (docs/results/steps.md)."""
 INERTIAL = 1.25
@@ -49,7 +49,7 @@ def reference_depth(model: Model) -> Array:
     bottom = model.bottom if model.scene.effect("orography") else np.zeros_like(depth)
     surface: Array = depth + bottom
     mean = np.average(surface, weights=model.mesh.area)
-    deep: Array = np.maximum(mean - bottom, DEEPEST * (surface.max() - bottom))
+    deep: Array = np.maximum(mean - bottom, LEAST_DEPTH_SHARE * (surface.max() - bottom))
     return deep.clip(max=depth.max())
 
 

@@ -187,20 +187,21 @@ class ConjugateGradients(KrylovSolver):
     """Solver of A x = b for A symmetric and positive in the inner product of the space.
 
     It holds five vectors, and computes all products at one point of an iteration, where ranks wait
-    for each other. Diverged means that the operator or the preconditioner is not positive.
+    for each other. Diverged means that the operator or the preconditioner is not positive, or that
+    the true residual grew tenfold.
 
     The method is flexible: the next direction is conjugate to the last one for any preconditioner
     (Golub & Ye 1999, doi:10.1137/S1064827597323415; Notay 2000, doi:10.1137/S1064827599362314). So
     a preconditioner in float32, or one that is not quite symmetric, adds an iteration or two but no
-    error. Given A z of the preconditioned residual z, all products of an iteration are
-    computed at once, and the image A d of the direction is updated by recurrence (Chronopoulos &
-    Gear 1989, doi:10.1016/0377-0427(89)90045-9).
+    error. Given A z of the preconditioned residual z, all products of an iteration are computed at
+    once, and the image A d of the direction is updated by recurrence (Chronopoulos & Gear 1989,
+    doi:10.1016/0377-0427(89)90045-9).
     """
 
     def __init__(self, space: VectorSpace) -> None:
         self.space = space
         self._stack = space.stack(3)
-        self._product, self._residual, self._image = (self._stack[k] for k in range(3))
+        self._image, self._residual, self._product = (self._stack[k] for k in range(3))
         self._direction, self._preconditioned = space.zeros(), space.zeros()
 
     def _cycle(self, p: LinearResult) -> None:
@@ -215,7 +216,7 @@ class ConjugateGradients(KrylovSolver):
 
         Products are named by vectors: r the residual, z = M r, w = A z, d last direction, s = A d.
         """
-        space, r, s, w, curvature = self.space, self._residual, self._product, self._image, 0.0
+        space, r, s, w, curvature = self.space, self._residual, self._image, self._product, 0.0
         precondition, noise, stack = p.precondition, NOISE * p.terms, self._stack
         space.clear(self._direction)
         space.clear(s)
@@ -290,8 +291,8 @@ class KrylovBasis:
     def extend(self, count: int) -> tuple[Array, float]:
         """Make v = rows[count] orthonormal to the k rows that its orthogonalisation uses.
 
-        Returns (c (k,), r) with v at entry = sum_s c_s rows[s] + r v at exit. r is 0, and v at exit
-        meaningless, if v lies in the span of the rows to round-off; r is not finite if v is not.
+        Returns (c (k,), r) with v at entry = sum_s c_s (row s of these k) + r v at exit. r is 0 and
+        v at exit meaningless if v lies in their span to round-off; r is not finite if v is not.
         Classical Gram-Schmidt, with a single second pass after cancellation ("twice is enough":
         Parlett, The Symmetric Eigenvalue Problem, section 6.9; Giraud, Langou, Rozloznik & van den
         Eshof 2005, doi:10.1007/s00211-005-0615-4).

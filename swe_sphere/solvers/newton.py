@@ -35,8 +35,8 @@ TRIALS = 11
 FIRST = 0.02
 """Forcing term of the first step, before any estimate."""
 CAP = 0.1
-"""Largest forcing term, unless half of the target is more.  A value well below the customary 0.9
-saves Newton iterations, whose residuals are expensive."""
+"""Largest forcing term before the last step, unless half of the target is more.  A value well below
+the customary 0.9 saves Newton iterations, whose residuals are expensive."""
 
 
 def forcing_term(norm: float, target: float, nonlinearity: float | None) -> float:
@@ -115,11 +115,11 @@ class NewtonKrylov:
     ) -> NewtonResult:  # fmt: skip
         """Solve from the guess x (n,), which is replaced by the best point found.
 
-        Converged means |F(x)| <= rtol |F(x_0)| in the norm of the space; at least one correction is
-        computed. scale: in place of |F(x_0)|, so that a better guess saves work. floor: a residual
-        for which a second correction does not pay. A tolerance below the accuracy of the
-        arithmetic, 0 included, is met by corrections of round-off size: the result then sets
-        `roundoff`. Steps are shortened where F is not finite.
+        Converged means |F(x)| <= max(rtol |F(x_0)|, floor) in the norm of the space; a guess that
+        meets this is still corrected, to half of its residual or to the floor. scale: in place of
+        |F(x_0)|, so that a better guess saves work. floor: a residual below which no further
+        correction pays. A tolerance below the accuracy of the arithmetic, even 0, is met by changes
+        of round-off size: the result then sets `roundoff`. Steps are shortened if F is not finite.
         """
         problem.residual(x, self._residual)
         first = self.space.norm(self._residual)

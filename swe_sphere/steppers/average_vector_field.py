@@ -21,8 +21,8 @@ class PoissonTendency:
     d(V, h)/dt = (-q k x F - grad B, -div F), with F and B the averages of hV and |V|²/2 + g(h + b)
     between the states and the potential vorticity q = (curl V + f)/h half way (Wimmer, Cotter &
     Bauer 2020, doi:10.1016/j.jcp.2019.109016). The operator is skew for the quadrature of the mesh,
-    because F is continuous and integration by parts is exact there. The tendency excludes
-    dissipation. F carries the tracers: a constant q stays constant. `fits` must accept the model.
+    because F is continuous and integration by parts is exact there. F carries the tracers: constant
+    mixing ratios stay constant. The tendency excludes dissipation. `fits` must accept the model.
     """
 
     def __init__(self, model: Model) -> None:

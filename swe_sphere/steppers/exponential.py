@@ -191,10 +191,10 @@ class ExponentialMultistep(VariableStepper):
     """An exponential propagation iterative (EPI) method of several steps, defined by its weights.
 
     x+ = x + dt phi_1 F + dt sum_k phi_k sum_i w_ki R_i, R_i = F(x_i) - F(x) - J (x_i - x) of i
-    steps before, phi_k = phi_k(dt J) with the exact J at x (Tokman 2006). Explicit dependence on
-    time is a further variable: R_i contains - dF/dt (t_i - t), and dt^2 phi_2 dF/dt is added. The
-    first steps, and those of another length than the one before, use exprb42, which has one step,
-    two stages and fourth order (Luan 2017). `tolerance`: as for `StageSolver`, of Krylov errors.
+    steps before, phi_k = phi_k(dt J) with J at x (Tokman 2006). Explicit dependence on time is a
+    further variable: R_i contains - dF/dt (t_i - t), and dt^2 phi_2 dF/dt is added. Until enough
+    steps of the present length are known, exprb42 is used, which has one step, two stages and
+    fourth order (Luan 2017). `tolerance`: as for `StageSolver`, of Krylov errors.
     """
 
     family = "exponential"

@@ -63,7 +63,7 @@ WIND_PARTS = np.linspace(0.0, 1.0, 5)
 """Fractions of the strongest wind, along the waves, that the analysis of stability samples; a wind
 against the waves has the same growth."""
 WEAK = 1e-4
-"""Accepted growth per step in strong winds, where steps of any length have a little growth."""
+"""Accepted growth per step in any wind, where steps of any length may have a little growth."""
 NOTHING_BUT_WIND = 1.0
 """Ratio of wind to wave speed that stands for a flow without gravity waves."""
 
@@ -84,9 +84,10 @@ class FlowLimitStepper(Stepper):
 
     @classmethod
     def stable_dt(cls, radii: SpectralRadii) -> float:
-        """Return the largest step [s] that amplifies no wave in winds up to the radius `wind`.
+        """Return the largest stable step [s] in winds up to the radius `wind`.
 
-        It also amplifies no vorticity that the wind carries, and no inertial oscillation.
+        Waves, vorticity that the wind carries, and inertial oscillations do not grow, or grow in a
+        wind by at most `WEAK` a step.
         """
         wave, rates = radii.wave, (radii.wind, radii.inertial)
         share, turn = (rate / wave if wave > 0.0 else 0.0 for rate in rates)

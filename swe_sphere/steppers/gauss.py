@@ -65,7 +65,7 @@ class ForwardElimination(Preconditioner):
 class CoupledStages(StageProblem):
     """X_i - x - dt sum_j a_ij F(X_j) = 0 for the pair of stages in one vector (2n,).
 
-    Jacobian products are exact, with a Jacobian for each stage: Newton is quadratic at any step.
+    Each stage has its own Jacobian, so that Newton converges quadratically at any step.
     """
 
     def __init__(self, model: Model, single: VectorSpace, preconditioner: str) -> None:

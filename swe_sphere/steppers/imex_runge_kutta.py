@@ -34,7 +34,7 @@ class ImexStepper(Stepper):
     least_ratio: ClassVar[float] = 8.0
     """Least ratio of implicit to explicit wave frequencies in the analysis of stability."""
     wind_factor: ClassVar[float] = 1.0
-    """Factor of the spectral radius in winds faster than a third of the gravity waves."""
+    """Factor of the advection rate in winds faster than a third of the gravity waves."""
     solver: WaveSolver
 
     def __init__(
@@ -49,9 +49,10 @@ class ImexStepper(Stepper):
 
     @classmethod
     def spectral_radii(cls, model: Model, state: wp.array, t: float = 0.0) -> SpectralRadii:
-        """Return the spectral radii [s-1] of F - L at the strongest wind of a trial run.
+        """Return the rates [s-1] that limit explicit steps of F - L (see `explicit_radii`).
 
-        If the initial wind is faster than the gravity waves, the Coriolis force adds to advection.
+        The strongest advection of a trial run counts, times `wind_factor` in strong winds. If the
+        initial wind is faster than the gravity waves, the Coriolis force adds to advection.
         """
         fastest = np.sqrt(model.scene.planet.gravity * reference_depth(model).max())
         at_start, wind = explicit_radii(model.inviscid, state, t), model.strongest_wind

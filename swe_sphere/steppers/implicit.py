@@ -31,7 +31,7 @@ MOST_STEP_PARTS = 64
 
 
 class StageProblem:
-    """x - tau F(x, t) = rhs with exact Jacobian products."""
+    """x - tau F(x, t) = rhs, with the Jacobian products of `Model.jacobian`."""
 
     tau_factor: ClassVar[float] = 1.0
     """Factor of tau F in the residual."""

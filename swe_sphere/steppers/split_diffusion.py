@@ -125,7 +125,7 @@ class SplitPenalty:
     def __init__(self, model: Model, dt: float, levels: int | None) -> None:
         self._model, self._second_order = model, levels is None
         self._levels = levels or 1
-        # products of the step and the penalty's largest rate, by the number of levels
+        # largest (cycle, part) times the penalty's largest rate, by the number of levels
         limits = {None: (MIDPOINT, MIDPOINT), 1: (0.7, 1.0)}
         longest_cycle, longest_part = limits.get(levels, (0.5, 1.0))
         radius, rotation = model.penalty_radius, abs(model.scene.planet.rotation)

@@ -31,9 +31,9 @@ causes as much.  With a larger number such residuals accumulate in float32 with 
 def energy_weights(model: Model) -> Array:
     """Return weights (n,) of the energy inner product: area, times g/H for depth, over all area.
 
-    With them a norm is in [m s-1], and tolerances are independent of units and planet. The mass hq
-    of a tracer counts as depth does, over the largest initial q, and with a prognostic wind by
-    `TRACER_SHARE` of that; an accumulated mass flux has no weight.
+    With them a norm is in [m s-1], in [m] under a prescribed wind; tolerances are independent of
+    units and planet. The mass hq of a tracer counts as depth does, over the largest initial q, and
+    with a prognostic wind by `TRACER_SHARE` of that; an accumulated mass flux has no weight.
     """
     share: Array = model.mesh.area / model.mesh.area.sum()
     ratios = mixing_ratios(model.scene, model.mesh).values()
@@ -51,7 +51,7 @@ def energy_weights(model: Model) -> Array:
 class TimeDerivatives:
     """Time derivatives of the state by differences of its mean slopes over the last steps.
 
-    rate |x'| [m s-1 s-1 in the energy norm]; frequencies |x''|/|x'| and |x'''|/|x''| [s-1], of
+    rate |x'| per second in the energy norm; frequencies |x''|/|x'| and |x'''|/|x''| [s-1], of
     which the second is at least the first for a sum of oscillations (Cauchy-Schwarz: |x''|^2 <=
     |x'| |x'''|, and so on for all derivatives). The truncation error of a scheme of order p is
     therefore at least C f_1 f_2^(p-1) dt^p |x'| dt per step.

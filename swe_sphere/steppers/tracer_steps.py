@@ -214,7 +214,7 @@ def _of_flow(values: dict[str, Any]) -> dict[str, Any]:
 
 
 class CarriedWithDepth(TracerSteps):
-    """Depth and tracers carried by a prescribed wind, held constant in each part of a long step.
+    """Depth and tracers carried by a prescribed wind, constant in each 1/TRACER_PARTS of a step.
 
     No separate flow then requires shorter steps.
     """

@@ -12,7 +12,7 @@ from swe_sphere.operators.schur import SchurOperator
 from swe_sphere.settings.values import read_toml
 
 OPTIMAL = read_toml(Path(__file__).with_name("chebyshev.toml"))
-"""Weights beta_k by degree (Lottes 2023, doi:10.1002/nla.2518, table 1)."""
+"""Weights beta_k by degree; up to 6: Lottes 2023, doi:10.1002/nla.2518, table 1; see the file."""
 
 
 def chebyshev_coefficients(degree: int, largest: float) -> list[tuple[float, float, float]]:

@@ -1,6 +1,6 @@
 """Coarse corrections of smooth waves and of computational modes, one for each, added up.
 
-Each rank holds the functions of its elements and a ring around, exchanged after every sweep.
+Each rank holds the functions of its elements and a ring around, exchanged between Chebyshev steps.
 """
 
 from __future__ import annotations  # scipy.sparse is loaded where it is used

@@ -40,7 +40,7 @@ class Preconditioner(ABC):
     """Name for users; a class without a name is a base of others."""
 
     counters: dict[str, float] = dict.fromkeys(COSTS, 0)
-    """Counts of the model, which `make_preconditioner` enters, and seconds of set-ups."""
+    """The model's counters once `make_preconditioner` has set them; it adds those of `COSTS`."""
     ratio: MixingRatio | None = None
     """Mixing ratios of the tracers of a state; None without tracers."""
 

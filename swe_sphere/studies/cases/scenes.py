@@ -23,7 +23,7 @@ from swe_sphere.settings.values import SCENE
 from swe_sphere.simulation import build
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.testcases import get_scene
-from swe_sphere.testcases.flows import at_rest, cone, distance, solid_body, tilted_latitude
+from swe_sphere.testcases.flows import at_rest, cone, distance, sin_tilted_latitude, solid_body
 from swe_sphere.testcases.harmonics import BalancedFlow, random_streamfunction
 from swe_sphere.testcases.user_scenes import made
 
@@ -102,11 +102,11 @@ def driven(alpha: float = np.pi / 4.0) -> Scene:
         return *solid_body(lon, lat, alpha, speed), first(lon, lat) * (1.0 + t / doubling)
 
     def first(lon: Array, lat: Array) -> Array:
-        return 3000.0 - drop * tilted_latitude(lon, lat, alpha) ** 2
+        return 3000.0 - drop * sin_tilted_latitude(lon, lat, alpha) ** 2
 
     def forcing(lon: Array, lat: Array, t: float) -> ThreeFields:
         pull = speed**2 - 2.0 * EARTH.gravity * drop * (1.0 + t / doubling)
-        push = pull / EARTH.radius * tilted_latitude(lon, lat, alpha)
+        push = pull / EARTH.radius * sin_tilted_latitude(lon, lat, alpha)
         east = np.sin(alpha) * np.sin(lon)
         north = np.sin(alpha) * np.sin(lat) * np.cos(lon) + np.cos(alpha) * np.cos(lat)
         return push * east, push * north, first(lon, lat) / doubling

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from swe_sphere.equations.scene import MOST_ELEMENTS, Scene
+from swe_sphere.equations.scene import LARGEST_COUNT, Scene
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.user_file import is_custom, is_user_file
 from swe_sphere.settings.registry import file_or_name
@@ -67,7 +67,7 @@ def _of_folder(name: str) -> str:
 
 T = TypeVar("T")
 Listed = Annotated[tuple[T, ...], BeforeValidator(_listed)]
-Count = Annotated[config.WholeOrText, Field(ge=0, le=MOST_ELEMENTS)]
+Count = Annotated[config.WholeOrText, Field(ge=0, le=LARGEST_COUNT)]
 Steps = Annotated[
     Literal["auto"] | tuple[float, ...],
     or_auto(Annotated[Listed[NumberOrText], Field(min_length=1)], "positive numbers of seconds"),
