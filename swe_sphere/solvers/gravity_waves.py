@@ -220,11 +220,11 @@ class GravityWaves:
 
     def solve(
         self, r: wp.array, guess: wp.array | None, out: wp.array, tolerance: float,
-        scale: float | None = None,
+        target: float = 0.0,
     ) -> LinearResult:  # fmt: skip
         """Set out = (I - tau L)^-1 r, both states, from a guess (N,) of the depth; None for 0.
 
-        tolerance: residual of the eliminated system relative to `scale` [m], by default to its
+        The residual of the eliminated system is at most `target` [m] or `tolerance` times its
         right-hand side. The masses of `out` are those of r, for any tolerance. All arrays are of
         the run's number type.
         """
@@ -235,11 +235,9 @@ class GravityWaves:
             self.operator.to_field(guess, h)
             self.operator.to_nodes(h, self._h)
         size = self.space.norm(self._b)
-        if scale is not None:
-            tolerance *= scale / (size or 1.0)
         result = self._krylov.solve(
-            self._system, self._b, self._h, self._precondition, tolerance, scale=size,
-            guess=guess is not None,
+            self._system, self._b, self._h, self._precondition,
+            max(tolerance, target / (size or 1.0)), scale=size, guess=guess is not None,
         )  # fmt: skip
         self.space.match_mean(self._b, self._h, self._ones)
         self.operator.to_field(self._h, h)

@@ -182,8 +182,11 @@ class WaveSolver(StageSolver):
     def __init__(self, model: Model, tolerance: float, name: str) -> None:
         super().__init__(model, tolerance)
         self.waves, self._name = GravityWaves(model), name
-        self._depth_per_wind = math.sqrt(self.waves.depth.mean() / model.scene.planet.gravity)
+        depth = float(self.waves.depth.mean())
+        self._depth_per_wind = math.sqrt(depth / model.scene.planet.gravity)
         """Change of depth [m] with the energy of a change of wind of 1 m/s."""
+        self._floor = RESIDUAL_FLOOR * self.space.epsilon * depth * (tolerance > 0.0)
+        """Residual of the eliminated equation [m] that rounding causes; 0 for tolerance 0."""
 
     def solve(
         self, tau: float, t: float, r: wp.array, guess: wp.array | None, out: wp.array,
@@ -196,8 +199,9 @@ class WaveSolver(StageSolver):
         the solve does not converge.
         """
         self.waves.setup(tau)
-        scale = None if change is None else self._depth_per_wind * change
-        result = self.waves.solve(r, guess, out, self.tolerance, scale)
+        target = 0.0 if change is None else self.tolerance * self._depth_per_wind * change
+        relative = self.tolerance if change is None else 0.0
+        result = self.waves.solve(r, guess, out, relative, max(target, self._floor))
         self.counters["krylov_iterations"] += result.iterations
         if not result.converged:
             raise SolverFailed(
