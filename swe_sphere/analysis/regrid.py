@@ -209,7 +209,7 @@ def regrid_file(
 
 
 def _chosen(data: xr.Dataset, fields: Sequence[str]) -> xr.Dataset:
-    """Return the requested fields on the nodes, with the series; of all fields also profiles."""
+    """Return the requested fields on the nodes and the series; without `fields` also profiles."""
     there = fields_of(data)
     # the directions east and north vary in space: the wind is interpolated as a vector
     whole = ["u", "v"] if {"u", "v"} & {*(fields or data.data_vars)} else []
@@ -223,7 +223,7 @@ def _chosen(data: xr.Dataset, fields: Sequence[str]) -> xr.Dataset:
 
 
 def _frames(path: Path, data: xr.Dataset, at: Interpolator, grid: Grid) -> Iterator[xr.Dataset]:
-    """Yield the frames of a file on the grid; the first also contains the diagnostic series."""
+    """Yield the frames of a file on the grid; the first also has constant fields and the series."""
     series = data[[name for name in data.data_vars if data[name].dims == (SERIES,)]]
     data = data.drop_dims(SERIES, errors="ignore")
     changing = data[[name for name in data.data_vars if "time" in data[name].dims]]

@@ -54,7 +54,7 @@ def plot(
     file: File,
     field: Field = None,
     time: float | None = option("DAYS", "Time of the frame (the last)."),
-    out: Path | None = option("FILE.png", "The picture (beside the file: FILE_FIELD.png)."),
+    out: Path | None = option("FILE.png", "The picture (beside the file: FILE_FIELD[_dayN].png)."),
     compare: str | None = option("FILE.nc|exact", "Draw the difference from this solution."),
     trust: list[Path] | None = option("FILE", "Code of the file's scene, for exact; repeatable."),
     overwrite: bool = flag("overwrite", "Replace an existing picture."),

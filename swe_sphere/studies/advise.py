@@ -1,4 +1,4 @@
-"""Advice before a run: a short search on the user's own scene and mesh, one stepper a family."""
+"""Advice before a run: a short search with some steppers on the user's own scene and mesh."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ REPRESENTATIVES = ("forward-backward", "rk4", "semi-implicit", "epi2", "tr-bdf2"
 """Steppers that are measured by default: of each family the stepper that is cheapest in most
 cases of docs/results/resolution, and rk4."""
 RUNS = 200.0
-"""Estimated cost of a search, in runs of rk4 with its longest step over the same days."""
+"""Estimated cost of a search, in runs of rk4 with its automatic step over the same days."""
 TIMED_STEPS = 8
 
 
@@ -119,7 +119,7 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
 
 
 def _seconds_a_day(space: Discretisation, common: dict[str, Any]) -> float:
-    """Return the time [s] of a day of rk4 with its longest step: CPU time, on a GPU wall time."""
+    """Return the time [s] of a day of rk4 with its automatic step: CPU time, on a GPU wall time."""
     explicit = {"stepper": "rk4", "settings": space.config.scene_settings}
     sim = space.simulation(make_config(common | explicit))
     clock = time.process_time if sim.model.device == "cpu" else time.perf_counter

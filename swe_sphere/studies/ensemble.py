@@ -35,8 +35,8 @@ def run_members(
 ) -> list[Path]:
     """Run a scene with `scene.seed` of each seed; return the files SCENE_seedK.nc in a folder.
 
-    A finished member of the same configuration is kept; an unfinished member, or one that is
-    shorter than requested, is resumed from its checkpoint.
+    A finished member of the same configuration is kept; an unfinished or shorter one is resumed
+    from its checkpoint, or run again if it has none.
 
     tell: called with a line for each member. Raises ConfigError for fewer than two seeds, a scene
     without a seed, a seed among the settings, or a run that cannot be made; RunFailed if a run does
@@ -91,13 +91,14 @@ def _check_sources(found: Mapping[str, object], config: RunConfig, scene: Scene)
 
 
 def spread(files: Sequence[Path], field: str = "vorticity") -> pd.DataFrame:
-    """Return the spread of the members in the files in a field, frame by frame.
+    """Return the spread of the members in a field, at the times that all files contain.
 
     The columns are `day`; `spread`, the root mean square over the globe of the standard deviation
     of the members, in the units of the field; and `growth`, Δ ln spread / Δt since the frame before
     [day-1], NaN for the first frame and where the spread is zero.
 
-    Raises ConfigError if the files differ in mesh or times, lack the field or are equal in it.
+    Raises ConfigError if the files differ in mesh, have fewer than two times in common, lack the
+    field or are equal in it.
     """
     runs = [RunFile(path) for path in files]
     field = check_field(field, runs[0].about)

@@ -31,7 +31,7 @@ from swe_sphere.studies.record_store import Record, attempt, stepped
 Tick = Callable[[str], None]
 COSTS = ("newton_iterations", "krylov_iterations", "rejected_steps")
 TIMES = ("seconds", "step_seconds", "dt")
-"""Numbers of every record: wall times of the case and of its steps alone [s], and the step [s]."""
+"""Numbers of a record, if known: wall times of the case and of its steps, and the step [s]."""
 
 
 class Measure(Record):
@@ -42,7 +42,7 @@ class Measure(Record):
     reason: str
     """Why the run did not end well; empty if it did."""
     numbers: Mapping[str, float | None] = {}
-    """Numbers by name, `TIMES` among them."""
+    """Numbers by name, those of `TIMES` among them as far as they are known."""
     name: str
     """Name of the case."""
     status: str
@@ -165,7 +165,7 @@ SAMPLES = 120
 """Approximate number of samples of a run."""
 CHANGES = (*DRIFTS, "total_vorticity")
 ERRORS_AT_END = ("l2_h", "l2_v", "linf_h", "off_wave", "off_mirror")
-"""Numbers whose last sample has their own name."""
+"""Numbers of which a series keeps the last sample, under the same name."""
 
 
 @dataclass

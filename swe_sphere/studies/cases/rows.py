@@ -78,7 +78,7 @@ class Row:
 
     @cached_property
     def checks(self) -> list[Check]:
-        """Every bound of the case; a quantity that was not measured fails it."""
+        """Every bound, those of orders not in the first row; an unmeasured quantity fails it."""
         checks = self.case.checks
         if self.before is None:
             checks = [check for check in checks if check.quantity not in ORDERS.values()]
@@ -204,7 +204,7 @@ def _measuring() -> Callable[[list[Case]], list[Measure]]:
 
 
 MASS = "mass_drift"
-"""Shown once for all rows of the verification, unless it is out of bounds."""
+"""Shown once for all rows of a page, and in a row unless it is within its bound."""
 COLUMNS = {name: f"{name[:-2]}({name[-1]})" for name in NORMS}
 COLUMNS |= {"order": "order(h)", "order_v": "order(v)"}
 """Quantities with a separate column, and its head."""
@@ -251,13 +251,13 @@ def cells_of(row: Row) -> dict[str, str]:
     They show bounded and reported quantities, and all norms and orders if one norm is shown.
     """
     case, numbers, checks = row.case, row.quantities, row.checks
-    # the introduction states the largest drift of mass within its bound
-    in_introduction = {MASS} if any(x.quantity == MASS and x.holds for x in checks) else set()
+    # the page states the largest drift of mass
+    stated_once = {MASS} if any(x.quantity == MASS and x.holds for x in checks) else set()
     names = dict.fromkeys([*(check.quantity for check in checks), *case.report])
     names |= dict.fromkeys(COLUMNS if {*names} & {*NORMS} else ())
     names |= dict.fromkeys([] if row.passed else ["last_day"])
     shown = {name: _quantity(numbers[name], name) for name in names if name in numbers}
-    others = [name for name in shown if name not in COLUMNS and name not in in_introduction]
+    others = [name for name in shown if name not in COLUMNS and name not in stated_once]
     return {
         "case": case.name, "ne": str(row.config.ne or ""), "np": str(row.config.np or ""),
         "Δt [s]": "" if math.isnan(row.dt) or case.method == "start" else f"{row.dt:.4g}",

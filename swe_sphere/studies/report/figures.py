@@ -1,6 +1,6 @@
 """The figures of a sweep: colours and markers of steppers, and curves on logarithmic axes.
 
-The page of a sweep and `ds.sweep` draw the same figures.
+The page of a sweep and `ds.sweep` draw figures of errors with the same functions.
 """
 
 import math

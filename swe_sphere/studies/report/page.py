@@ -136,7 +136,7 @@ def write_report(
     """Write index.html and its figures (SVG) into a folder.
 
     datasets: what `sweep` returns, or several by name: a section each.
-    recipe: recipe of the sweeps; its texts are shown, and README.md is written too.
+    recipe: its title and notes are shown, and README.md is written too, with its introduction.
     Returns the path of index.html.  Raises ConfigError for other datasets, and as `write_made`.
     """
     sections, notes = read_sections(datasets), recipe.notes if recipe else {}

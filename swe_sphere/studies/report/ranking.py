@@ -279,8 +279,8 @@ def rankings(
 ) -> list[Ranking]:
     """Return a ranking for each kind of error: the first is the decisive one.
 
-    runs: of one mesh; targets below the error of its converged run are omitted. where: name of
-    scene and mesh. levels: the targets; none: round ones that steppers reach.
+    runs: of one mesh. where: name of scene and mesh. levels: the targets; none: round ones that
+    steppers reach. No run counts for a target below the error of the converged run.
     """
     by_name, made = {(metric.kind, metric.field): metric for metric in found}, []
     for kind, order in ANSWERED.items():

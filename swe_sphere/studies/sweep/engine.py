@@ -43,7 +43,7 @@ TRIAL_GROWTH = {True: 1.12, False: 2.0}
 LONGEST_SEARCHED = {"gravity_limit": 64.0, "advective_limit": 8.0}
 """A search for an error begins with a step of at most the largest of these multiples of limits."""
 FINEST = 0.1
-"""Least common measure of report times, in gravity limits: every step divides it."""
+"""Shortest permitted `Study.interval`, in units of the gravity limit or, if shorter, of the run."""
 MOST_REPEATS = 3
 """Runs are repeated at most this many times as often as the plan requests."""
 SEARCHING = 0.7
@@ -129,7 +129,7 @@ def run_sweep(
 class Sweep:
     """Carries out a plan in a folder without repeating the runs in it.
 
-    beside: True if other processes work in the folder too. Raises ConfigError for a plan that
+    beside: True in each of the processes that share the runs. Raises ConfigError for a plan that
     cannot be carried out, or a folder of another scene.
     """
 
@@ -209,8 +209,8 @@ class Sweep:
     def _time(self, runs: list[RunSpec]) -> None:
         """Repeat all runs in rounds, so that a busy phase of the machine affects many of them.
 
-        Each completed run is repeated until its shortest times agree, it has been run MOST_REPEATS
-        times the requested number of repeats, or the budget is spent.
+        Each completed run is timed as often as the plan requests, then until its two shortest times
+        agree, at most MOST_REPEATS times as often. There are no repeats once the budget is spent.
         """
         while self._left > 0.0 and (pending := [run for run in runs if self._wants_repeat(run)]):
             self._watcher.expect(len(pending))
@@ -219,7 +219,7 @@ class Sweep:
                 self._runner.run(run, repeat=last + 1)
 
     def _wants_repeat(self, run: RunSpec) -> bool:
-        """Return whether the shortest time of a run is not yet known to be REPEATABLE."""
+        """Return whether a run lacks requested repeats, or its shortest times do not agree yet."""
         first, wanted = self._runner.known(run), self._plan.repeats
         if self._plan.jobs > 1 or first is None or first.status != "completed":
             return False

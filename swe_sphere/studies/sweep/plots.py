@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @xr.register_dataset_accessor("sweep")  # type: ignore[no-untyped-call]
 class SweepFigures:
-    """Figures of the dataset of a sweep, the same as on its page, of the first mesh.
+    """Figures of the first mesh of a sweep: those of errors on its page, and `plot_limits`.
 
     `sweep` registers this accessor; so does `import swe_sphere.studies.sweep`, for a dataset read
     from sweep.nc.  Methods return the axes; with more than eight curves each family has a panel,

@@ -71,7 +71,9 @@ class RunRecord(Record):
     repeat: int
     role: Role
     config: RunConfig
-    """Complete: scene, mesh, stepper and its options, the step dt [s] and the length [days]."""
+    """Complete: scene, mesh, stepper and its options, the step dt [s] and the length [days].
+    A trial of stability may be longer, see `numbers`.
+    """
     status: Annotated[str, Field(pattern=f"^({'|'.join(STATUSES)})$")]
     reason: str
     numbers: Mapping[str, float | None]

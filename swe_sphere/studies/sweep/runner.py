@@ -182,7 +182,7 @@ def _begun(spec: RunSpec) -> Simulation:
 
 
 class Runner:
-    """Runs the runs; each one ends as a record in the store before the next begins.
+    """Runs the runs; each is stored as a record before the next begins, reference runs in pairs.
 
     study: the request; records of other sources are ignored. jobs: number of parallel processes.
     """
@@ -367,7 +367,7 @@ class Evaluator:
             self._keep(spec, record.model_copy(update={"errors": errors}), fields)
 
     def _kept(self, spec: RunSpec) -> History | None:
-        """Return the fields at report days of a run: {} if it failed, None if it was never run."""
+        """Return the stored fields of a run at report days: {} if it failed, None if unreadable."""
         known = self._runner.known(spec)
         if known is None or known.status != "completed":
             return None if known is None else {}

@@ -52,7 +52,7 @@ LIMIT_KNOWN, ACCURATE_KNOWN = 0.02, 0.05
 """Relative accuracy with which searches find the longest working, or accurate, step."""
 PLATEAU, SATURATED = 0.9, 0.3
 """If halving the step leaves more than the first fraction of the error, the step does not matter,
-unless the relative error is above the second: flows that amplify errors limit them by their size.
+unless the relative error is above the second: an error as large as the flow grows no further.
 """
 
 
@@ -197,7 +197,7 @@ class Discretisation:
         return found
 
     def simulation(self, config: RunConfig) -> Simulation:
-        """Return a simulation with a separate model: runs share nothing.
+        """Return a simulation with a separate model on the common mesh.
 
         Raises ConfigError if the stepper does not suit the scene, or has no such option.
         """
@@ -280,7 +280,7 @@ class Study:
     def setups(self) -> list[Setup]:
         """Return the steppers with each preconditioner, mesh by mesh.
 
-        Steppers without a preconditioner appear once, and without tolerance.
+        Steppers without a preconditioner appear once; those without a tolerance get none.
         """
         found = []
         for space, stepper in product(self.spaces(), self.plan.steppers):
@@ -420,7 +420,7 @@ class Setup:
         return self.stepper_class.safety * self.stable_dt
 
     def spec(self, dt: float, role: Role = "grid") -> RunSpec:
-        """Return the run with steps of dt [s], slightly shorter if report times require it.
+        """Return the run with steps of dt [s], or down to half of it if report times require it.
 
         Trials of stability keep their step: they have no report times.
         """

@@ -75,7 +75,7 @@ Steps = Annotated[
 
 
 class SweepPlan(SharedConfig):
-    """A grid of runs, or a search, on one scene; empty and None mean: as the scene recommends.
+    """A grid of runs, or a search, on one scene; empty or None ne, np and days are the scene's.
 
     The names are those of the flags of `swe-sphere sweep` and of the keys of a recipe, with `_` for
     `-` (`settings` is `--set`); `name`, `slow` and `spin` have no flag.
@@ -98,7 +98,7 @@ class SweepPlan(SharedConfig):
     preconditioner: Listed[str] = ()
     """Preconditioners of implicit steppers."""
     tolerance: Annotated[config.Number, Field(ge=0.0, lt=1.0)] | None = None
-    """Solver tolerance of implicit steppers."""
+    """Solver tolerance of implicit and exponential steppers, relative to a step's change."""
     days: Annotated[config.Days, Field(gt=0.0)] | None = None
     """Length of the runs [days]."""
     report_days: Listed[NumberOrText] = ()
@@ -110,7 +110,7 @@ class SweepPlan(SharedConfig):
     time_limit: config.Positive | None = None
     """Wall time of the steps of one run [s]."""
     budget: config.Positive | None = None
-    """Wall time that the steps of a search for an error may take together [s]."""
+    """Wall time of the steps of all runs together, with reference runs [s]; for target-error."""
     find_limit: bool = False
     """Also search for the longest stable step of every stepper, to 2 %."""
     target_error: Listed[NumberOrText] = ()
@@ -203,9 +203,9 @@ class Recipe:
     sweeps: tuple[dict[str, Any], ...]
     """Values of the plan of each sweep, with the names of `SweepPlan`."""
     introduction: str = ""
-    """Markdown before the results of all."""
+    """Markdown at the top of README.md."""
     notes: Mapping[str, str] = field(default_factory=dict)
-    """Markdown after the results of a scene."""
+    """Markdown by folder: replaces the headline in README.md, follows the results in index.html."""
 
     def plans(self, flags: Mapping[str, object]) -> list[SweepPlan]:
         """Return the plans; values of flags replace the recipe's.
@@ -265,7 +265,7 @@ def folder_of(sweep: Mapping[str, Any]) -> str:
 def _combinations(path: Path, sweep: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Yield a sweep for every combination of the lists in its table `each`, named after it.
 
-    Keys with a dot are settings; an empty text among their values omits the setting.
+    Keys with a dot are settings; an empty text among the values omits the key.
     """
     each = sweep.pop("each", {})
     if not isinstance(each, dict) or not all(isinstance(of, list) and of for of in each.values()):
