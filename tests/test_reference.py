@@ -94,7 +94,7 @@ def test_a_grid_is_evaluated_anywhere(tmp_path):
     assert np.abs(reference.at("surface", lon, lat) - expected["h"]).max() < 1e-5
     for name in "uv":
         assert np.abs(reference.at(name, lon, lat) - expected[name]).max() < 1e-9
-    assert reference.nearest(None) == 5.0 * DAY
+    assert reference.frame_time(None) == 5.0 * DAY
 
 
 def test_errors_of_a_spectral_element_solution(tmp_path):
@@ -120,7 +120,7 @@ def test_one_component_of_the_wind_is_compared_on_equal_meshes(tmp_path):
 
 def test_the_title_of_a_reference_states_a_fraction_of_a_day(tmp_path):
     reference = Reference(write_grid(tmp_path / "grid.nc", title="smooth, day 2.5"))
-    assert reference.nearest(None) == 2.5 * DAY
+    assert reference.frame_time(None) == 2.5 * DAY
 
 
 def test_the_correlation_is_that_over_the_sphere(tmp_path):
@@ -146,7 +146,7 @@ def test_surface_is_compared_over_orography(tmp_path):
 def test_bundled_references(path):
     reference = Reference(path)
     assert reference.title.startswith(path.stem.split("_day")[0])
-    assert f"{reference.nearest(None) / DAY:g}" == path.stem.split("_day")[1]
+    assert f"{reference.frame_time(None) / DAY:g}" == path.stem.split("_day")[1]
     assert reference.area.sum() == pytest.approx(1.0, rel=1e-12)
     assert all(name in reference.attributes for name in ("source", "uncertainty", "reduction"))
     surface, vorticity = reference.values("surface"), reference.values("vorticity")
@@ -206,7 +206,7 @@ def test_one_frame_of_a_regridded_run_is_a_reference(runs, tmp_path):
         found = compare(runs["first"], one, time=time)
         assert found["time"] == 5.0 * DAY and found["linf"] < 1e-12
     sim = Simulation("williamson5", ne=2, days=5, reference=one)
-    assert sim.reference.nearest(None) == 5.0 * DAY
+    assert sim.reference.frame_time(None) == 5.0 * DAY
 
 
 def test_time_is_that_asked_for(runs, tmp_path):
@@ -341,9 +341,9 @@ def test_only_what_is_shipped_is_found():
 def test_a_reference_of_another_time_is_not_compared(tmp_path) -> None:
     """It is of one time, which its title tells."""
     reference = Reference(SHIPPED / "williamson5_day15.nc")
-    assert reference.nearest(None) == reference.nearest(15 * DAY) == 15 * DAY
+    assert reference.frame_time(None) == reference.frame_time(15 * DAY) == 15 * DAY
     with pytest.raises(ConfigError, match="no frame at day 5: the last ones are at day 15"):
-        reference.nearest(5 * DAY)
+        reference.frame_time(5 * DAY)
 
 
 def test_a_run_takes_its_errors_against_the_reference_of_the_package():

@@ -88,7 +88,7 @@ def test_ctrl_c_within_a_step_is_heard_there_and_loses_nothing(tmp_path, monkeyp
         assert len(calls) <= count + 1
     assert sim.outcome.status == "interrupted"
     found = RunFile(out)
-    assert found.nearest(None) == sim.time and found.attributes["status"] == "interrupted"
+    assert found.frame_time(None) == sim.time and found.attributes["status"] == "interrupted"
     again = Simulation.from_checkpoint(out, LONG[kind].get("scene"))
     assert again.run(days=1.0, every=12.0, out=out).completed
     assert sim.run(days=1.0, every=12.0).completed  # in the same process, too
@@ -180,7 +180,7 @@ def test_ctrl_c_in_a_script_closes_the_file_and_ends_the_loop_around_the_run(tmp
             )
             done.append(k)
     assert not done
-    assert RunFile(tmp_path / "0.nc").nearest(None) == 3 * 1800.0
+    assert RunFile(tmp_path / "0.nc").frame_time(None) == 3 * 1800.0
     small(dt=1800.0).run(days=0.25, out=tmp_path / "0.nc", overwrite=True)  # nobody has it open
 
 

@@ -19,7 +19,7 @@ from swe_sphere.errors import ConfigError, RunFailed, SweError
 
 MENDING = "; correct this and run the command again: finished work is kept"
 PART, OLD = ".part", ".old"
-"""Suffixes of the names of files and folders in construction, and of replaced folders."""
+"""What precedes the suffix in names of unfinished files and folders, and of replaced folders."""
 SHOWN = 40
 """Number of characters of a path's name in its temporary names."""
 OF_THE_DISK = {errno.ENOSPC, errno.EDQUOT, errno.EIO}
@@ -212,7 +212,7 @@ def take_place(part: Path, path: Path) -> None:
 
 
 def remove(path: Path) -> None:
-    """Remove a file or a folder with its contents, as far as it exists and can be removed."""
+    """Remove a file (OSError if that fails), or what can be removed of a folder, if it exists."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:

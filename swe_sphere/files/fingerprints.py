@@ -21,7 +21,7 @@ NUMBERS = (
 )  # fmt: skip
 """Packages and modules that compute the numbers; reports and the command line only show them.
 
-Any change of their code counts. Comments, docstrings and blank lines do not.
+Any change of their code counts, except in comments, docstrings and blank lines of Python.
 """
 STRINGS_AND_COMMENTS = r"""
     ^(?P<indent>[ \t]*)r?"{3}(?P<docstring>[\s\S]*?)"{3}$

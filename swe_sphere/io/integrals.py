@@ -87,7 +87,7 @@ def flow_integrals(
 
         mass                 I(h) [m]
         energy               I(h |V|^2 / 2 + g ((h + b)^2 - b^2) / 2) [m3 s-2]
-        potential_enstrophy  I((vorticity + f)^2 / (2 h)) [m-1 s-2]; NaN where a depth is not > 0
+        potential_enstrophy  I((vorticity + f)^2 / (2 h)) [m-1 s-2]; NaN if any depth is not > 0
         MOMENTA              see `angular_momentum` [m3 s-1]
         total_vorticity, total_divergence   I(vorticity), I(divergence) [s-1]
         max_wind             largest wind speed [m s-1]

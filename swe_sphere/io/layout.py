@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 VARIABLES: dict[str, Any] = read_toml(Path(__file__).with_name("variables.toml"))
-"""Attributes of variables: frames, constants, coordinates, topology, series."""
+"""Tables of variables.toml: attributes of variables, and the look of fields in pictures."""
 
 TRACER = "q_"
 """Prefix of the names of variables with the mixing ratio of a tracer."""
@@ -62,7 +62,7 @@ SUMMARY_BYTES = 32 * 1024
 """Size of the space for the summary."""
 
 LAYOUT_BYTES = 128
-"""Bytes per node of a layout: lat, lon, four corners of each, area, b, f, one face."""
+"""At least the bytes per node of a layout (120): lat, lon, their corners, area, b, f, one face."""
 
 
 def frame_fields(tracers: Iterable[str] = ()) -> dict[str, dict[str, str]]:

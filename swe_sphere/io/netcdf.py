@@ -48,9 +48,9 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
     the dataset of each frame, the wind always as both components, and no series.
 
     Raises ConfigError for an unknown field, if the file cannot be created, if another run writes
-    it, if there is no space for a first frame, or if the run in it cannot be resumed. Every method
-    raises RunFailed if the disk is full or fails, or if another program has removed or changed the
-    file; earlier frames stay readable.
+    it, or if the run in it cannot be resumed; RunFailed if the disk fails or has no space for a
+    first frame. Every method raises RunFailed if the disk is full or fails, or if another program
+    has removed or changed the file; earlier frames stay readable.
     """
 
     def __init__(
@@ -112,8 +112,8 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
     ) -> None:  # fmt: skip
         """Append a frame at time [s since the start] and sync it to the disk.
 
-        fields: h [m], u, v [m s-1], vorticity, divergence [s-1], q_NAME of each tracer and
-        user-defined ones, all of them (N,) or profiles, and f for derived ones; others are ignored.
+        fields: h [m], u, v [m s-1], vorticity, divergence [s-1], q_NAME of tracers, custom ones
+        (all (N,) or profiles); f, area for derived ones; b, f with `transform`; others are ignored.
         diagnostics: as for `record`, at the same time; those of the first frame define the series.
         """
         values: dict[str, Any] = {name: derive(fields, name) for name in self._fields}

@@ -92,9 +92,9 @@ class Reference(Source):
         self.area = np.repeat(latitude_weights(self.lat, bounds) / count, count)
         self.points = np.tile(self.lon, self.lat.size), np.repeat(self.lat, count)
 
-    def nearest(self, time: float | None) -> float | None:  # type: ignore[override]
-        """Return the nearest time [s] as `Source` does; None for a reference without a time."""
-        return super().nearest(time) if self.times.size else None
+    def frame_time(self, time: float | None) -> float | None:  # type: ignore[override]
+        """Return the time [s] of a frame as `Source` does; None for a reference without a time."""
+        return super().frame_time(time) if self.times.size else None
 
     def is_at(self, time: float) -> bool:
         """Return whether the state, the last one, is of that time [s], or states no time."""
@@ -179,7 +179,7 @@ DERIVATIVES = {"vorticity": vorticity, "divergence": divergence}
 
 
 class Exact:
-    """Fields of the exact solution of a scene at any point; ConfigError if it has none.
+    """Exact solution of a scene at any point; ConfigError if it or a field is unknown.
 
     mesh: mesh on which derivatives of the exact wind are computed, as for the run.
     """
@@ -190,7 +190,7 @@ class Exact:
         self._scene, self._mesh = scene, mesh
 
     def at(self, field: str, lon: Array, lat: Array, time: float | None = None) -> Array:
-        """Return a field (M,) at points lon, lat (M,) [rad]; ConfigError if it is unknown."""
+        """Return a field (M,), or "wind" (2, M), at lon, lat (M,) [rad] and time [s] (None: 0)."""
         scene, mesh, now = self._scene, self._mesh, time or 0.0
         if field.startswith(TRACER):
             key = field.removeprefix(TRACER)

@@ -212,7 +212,7 @@ class Source(ABC):
             )
         return found
 
-    def nearest(self, time: float | None) -> float:
+    def frame_time(self, time: float | None) -> float:
         """Return the time [s] of the frame at time, of the last for None; ConfigError if none."""
         return float(self.times[self.index(time)])
 

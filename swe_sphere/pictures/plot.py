@@ -59,7 +59,7 @@ def plot_file(
     curves = panels(source) if look.panel and isinstance(source, RunFile) else []
     figure, rows = new_figure(), 1 + bool(curves)
     globe, *rest = figure.subfigures(rows, 1, squeeze=False, height_ratios=[2.3, 1.0][:rows]).flat
-    axes, time = new_map(globe, look), source.nearest(time)
+    axes, time = new_map(globe, look), source.frame_time(time)
     figure.set_size_inches(*size(axes, bool(curves)))
     Drawing(source, field, look, grid_of(axes, ROWS), against).draw(axes, time)
     for part in rest:
@@ -115,7 +115,7 @@ def draw_state(
         raise ConfigError(f"ax keeps its projection and extent: leave out {names}")
     elif ax.get_autoscale_on():
         ax.set_global()
-    Drawing(state, field, look, grid_of(ax, ROWS)).draw(ax, state.nearest(time), within=within)
+    Drawing(state, field, look, grid_of(ax, ROWS)).draw(ax, state.frame_time(time), within=within)
     return ax
 
 

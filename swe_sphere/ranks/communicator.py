@@ -239,7 +239,8 @@ def started_ranks() -> int | None:
     None stands for a process that is not a rank, for example one started by a rank.
     """
     sizes = [os.environ[name] for name in SIZE_VARIABLES if name in os.environ]
-    socket = "" if len(sizes) > 1 else os.environ.get("PMI_FD", "")  # socket of an outer MPI
+    # with two launchers, PMI_FD is the socket of the outer one, which this process may lack
+    socket = "" if len(sizes) > 1 else os.environ.get("PMI_FD", "")
     if socket.isdigit() and not Path(f"/dev/fd/{socket}").is_socket():
         return None
     if not sizes and "PMIX_RANK" in os.environ:

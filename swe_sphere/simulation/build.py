@@ -1,4 +1,4 @@
-"""Build scene, initial state, mesh and model of a run from its configuration and user objects."""
+"""Build scene, state and mesh of a run from its configuration and user objects; check memory."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def shipped_solution(scene: Scene, days: float) -> Path | None:
     for label, (name, settings) in SHIPPED.items():
         if scene.name != name or scene.exact is not None:
             continue
-        from swe_sphere.io import reference_solution  # needs scipy's splines
+        from swe_sphere.io import reference_solution  # imports Warp
 
         path = reference_solution.SHIPPED / f"{label}_day{days:g}.nc"
         if not path.exists():
@@ -317,7 +317,7 @@ class Initial:
         else:
             also = "" if day is None else "; initial-time chooses a frame of it"
             raise _unfit("initial", "a file, a dataset or a function", given, also)
-        self._run, self._time, digest = run, run.nearest(time), hashlib.sha256()
+        self._run, self._time, digest = run, run.frame_time(time), hashlib.sha256()
         self.time_offset = self._time + float(run.attributes.get("time_offset", 0.0))
         self._fields = {name: numpy.array(x) for name, x in run.frame(self._time).items()}
         for field, values in sorted(self._fields.items()):

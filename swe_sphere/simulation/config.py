@@ -208,7 +208,7 @@ class RunConfig(SharedConfig):
     restart: FileName | None = None
     """Resume the run in this file; out may name the same file."""
     trust: Annotated[tuple[FileName, ...], Field(exclude=True)] = ()
-    """Python file that may be executed if the file of a run names it; repeatable."""
+    """File whose code may be executed if the file of a run names it; repeatable."""
     initial: FileName | None = None
     """Begin a new run from a frame of this file; mesh, step, stepper and effects may differ."""
     initial_time: Days | None = None

@@ -175,7 +175,7 @@ def slow_errors(model: Model, ours: Fields, theirs: Fields) -> Norms:
 
 def reference_errors(reference: Reference, snapshot: Snapshot) -> Numbers:
     """Return l1_h, l2_h, linf_h and, where the reference has a wind, l1_v, l2_v, linf_v."""
-    from swe_sphere.io.reference_solution import OnGrid  # needs scipy's splines
+    from swe_sphere.io.reference_solution import OnGrid  # imports Warp
 
     model = snapshot.model
     found = OnGrid(reference, model.mesh).errors(snapshot.all_fields, model.scene.error_field)
@@ -287,8 +287,8 @@ def diagnostic(
         39
         >>> del DIAGNOSTICS["jet"]
 
-    Raises ConfigError if the name is no identifier or that of another value, without function, or
-    if another file has a diagnostic of this name.
+    Raises ConfigError if `function` cannot be called, if the name is no identifier or that of
+    another value, or if another file has a diagnostic of this name.
     """
     if function is None:
         return partial(diagnostic, name=name, units=units, long_name=long_name)

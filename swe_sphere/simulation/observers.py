@@ -204,7 +204,7 @@ class Recorder(Observer):
 
     output: a further file of the run; None: the file `out`, with series of diagnostics and
     checkpoints.  Raises ConfigError if the file cannot be created or belongs to another run;
-    RunFailed, from the methods, if the disk fails.
+    RunFailed, also from the methods, if the disk is full or fails.
     """
 
     def __init__(self, sim: Any, output: Output | None = None) -> None:
@@ -219,7 +219,7 @@ class Recorder(Observer):
 
     def _open(self) -> str:
         """Create the file and return the identifier of its run, which a resumed run keeps."""
-        from swe_sphere.io.netcdf import FrameWriter  # netCDF4 is slow to import
+        from swe_sphere.io.netcdf import FrameWriter  # scipy.io is slow to import
 
         sim, plan, output, config = self.sim, self.plan, self._output, self.sim.config
         transform, ahead = None, plan.steps - sim.steps

@@ -26,7 +26,7 @@ MOST_STEPS = 10**9
 LEAST_PART = Fraction(1, 2)
 """Smallest fraction to which a requested step may be shortened."""
 SHORTEST_AUTOMATIC = Fraction(1, 20)
-"""An automatic step may be shortened to this fraction of itself and of the times it must fit."""
+"""An automatic step may be shortened to this fraction of it or of a shorter time it must fit."""
 UNLIMITED = 1e7
 """A stability limit above this [s] is treated as none."""
 ROUNDING = 1.0 + 1e-9
@@ -98,7 +98,7 @@ class RunPlan:
     origin: float = 0.0
     """Time of the first step of `dt` [s]."""
     lead_dt: float = 0.0
-    """Length of these steps [s]."""
+    """Length of the steps before `origin` [s]."""
     tail_steps: int = 0
     """Number of steps of another length at the end."""
     tail_dt: float = 0.0
@@ -162,10 +162,10 @@ def time_plan(
     """Return the plan of a new run.
 
     days: length of the run [days]; 0: no step.  every: time between frames [h]; None: about a day.
-    dt: time step [s]; may be shortened to half, or to `SHORTEST_AUTOMATIC` of it if `automatic`.
-    also: further times [s] whose multiples fall on steps.  cycle: steps that are taken together;
-    fewer: True if cycle may be smaller.  The last steps are shorter if the end is no multiple of
-    the others.  ConfigError if no step fits.
+    dt: time step [s]; may be shortened to half of it or, if `automatic`, to `SHORTEST_AUTOMATIC` of
+    the smallest of it and the times that it must fit.  also: further times [s] whose multiples fall
+    on steps.  cycle: steps that are taken together; fewer: True if cycle may be smaller.  The last
+    steps are shorter if the end is no multiple of the others.  ConfigError if no step fits.
     """
     if days == 0.0:
         return RunPlan(dt, 0, 1, dt)
@@ -214,9 +214,9 @@ def continued_plan(
 ) -> RunPlan:
     """Return the plan of a run that continues with the steps of an earlier plan.
 
-    The last step is shorter where the end is no multiple of the others.  days, every, also: as in
-    `time_plan`.  done: number of steps taken so far.  Raises ConfigError if the frames or the
-    further times are no whole number of steps, or where the run has already reached that length.
+    The last steps (one cycle) are shorter if the end is no multiple of the others.  days, every,
+    also: as in `time_plan`.  done: number of steps taken so far.  Raises ConfigError if frames or
+    further times are no whole number of steps, or if the run has already reached that length.
     """
     now, cycle, origin, length = plan.time(done), plan.cycle, plan.origin, _as_fraction(days * DAY)
     if (end := float(length)) <= now + 1e-6:
@@ -399,7 +399,7 @@ def tracer_cycle(sim: Any, dt: float) -> int:
 def with_cycle(sim: Any, plan: RunPlan) -> RunPlan:
     """Return the same steps, as many of them together as the configuration requests or allows.
 
-    Raises ConfigError if the number of steps between frames is not a multiple of the requested one.
+    Raises ConfigError unless a requested number divides the steps in all and those between frames.
     """
     most, both = tracer_cycle(sim, plan.dt), math.gcd(plan.steps, plan.frame_steps)
     if sim.config.tracer_steps == "auto":

@@ -34,7 +34,7 @@ OF_ONE_RUN = {
     "live": "swe-sphere run", "as_json": "swe-sphere run", "quiet": "swe-sphere run",
     "log": "swe-sphere run",
 }  # fmt: skip
-"""Fields of a configuration that belong to one run, and what in Python accepts them."""
+"""Fields of a configuration that belong to one run, and the method or command that accepts each."""
 
 INHERITED = RunConfig.model_fields.keys() - {
     *OF_ONE_RUN, "scene", "reference", "time_limit", "trust",
@@ -51,7 +51,7 @@ def appends(config: RunConfig) -> bool:
     out = config.out
     if out is None or config.overwrite or not out.exists():
         return False
-    from swe_sphere.io.checkpoint import checkpoint_path  # netCDF4 is slow to import
+    from swe_sphere.io.checkpoint import checkpoint_path  # scipy.io is slow to import
 
     return any(_is_same_file(path, config.restart) for path in (out, checkpoint_path(out)))
 
@@ -117,7 +117,7 @@ def _contents(out: Path) -> str:
 
     try:
         run = RunFile(out)
-        scene, day = run.attributes["scene"], run.nearest(None) / DAY
+        scene, day = run.attributes["scene"], run.frame_time(None) / DAY
     except (ConfigError, KeyError):
         return "exists and is not a complete file of a run: choose another name"
     if run.attributes.get("completed"):
@@ -143,7 +143,7 @@ class Restart:
     """
 
     def __init__(self, path: Path) -> None:
-        from swe_sphere.io.checkpoint import read_checkpoint  # netCDF4 is slow to import
+        from swe_sphere.io.checkpoint import read_checkpoint  # scipy.io is slow to import
 
         self.path, checkpoint = path, read_checkpoint(path)
         self.attributes, self.arrays = checkpoint.attributes, checkpoint.state_dict
@@ -308,10 +308,10 @@ def run_sources(
 ) -> dict[str, str]:
     """Return fingerprints of the files of a scene, its data, diagnostics and custom methods.
 
-    Names of bases are relative to the file of the scene, so that the folder may be moved.  Files of
-    data are those whose names are parameters of the scene; other files that a Python scene reads
-    are not tracked.  The result is empty for a scene of the package without data.  Raises
-    ConfigError if a file has disappeared since it was loaded.
+    Names of files on which a TOML scene builds (`base`) are relative to its own, so that the folder
+    may be moved.  Files of data are those whose names are parameters of the scene; other files that
+    a Python scene reads are not tracked.  The result is empty for a scene of the package without
+    data.  Raises ConfigError if a file has disappeared since it was loaded.
     """
     try:
         files = scene_files(name)

@@ -240,9 +240,9 @@ class Simulation(NotCopyable):
     ) -> Self:
         """Resume from a checkpoint, or from the last frame of the file of a run, bit for bit.
 
-        scene: needed if it was given as an object.  settings: as of `Simulation`; the stepper, the
-        mesh and the effects are those of the earlier run. trust: a list of the Python files that
-        the checkpoint may name as scene, stepper or preconditioner; others are not executed.
+        scene: needed if it was given as an object.  settings: as of `Simulation`; stepper, mesh and
+        effects are those of the earlier run. trust: a list of the files that the checkpoint may
+        name as scene (.py or .toml), stepper, preconditioner or diagnostics; others are not run.
 
         Raises ConfigError if the file is missing, damaged, or of another run than requested.
         """
@@ -853,7 +853,7 @@ class Simulation(NotCopyable):
 def _read_reference(path: Path | None) -> Reference | None:
     if path is None:
         return None
-    from swe_sphere.io.reference_solution import Reference  # needs scipy's splines
+    from swe_sphere.io.reference_solution import Reference  # imports Warp
 
     reference = Reference(path)
     if not reference.fields.keys() & {"h", "surface"}:

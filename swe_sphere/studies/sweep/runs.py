@@ -329,7 +329,7 @@ class Study:
             return {day: path for day, path in shipped.items() if path}
         found: dict[float, Path] = {}
         for path in self.plan.reference:
-            time = Reference(path).nearest(None)
+            time = Reference(path).frame_time(None)
             time = self.days * DAY if time is None else time
             near = [day for day in self.report_days if abs(day * DAY - time) < 1.0]
             if near and near[0] in found:
