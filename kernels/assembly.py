@@ -81,7 +81,7 @@ def assemble_blocks(
 
 @functools.cache
 def finish_rates(t: KernelTypes, fields: int) -> Finish:
-    """Return the `Finish` that stores the rates of `fields` fields, with pointwise terms added."""
+    """Return the `Finish` that stores `fields` rates, plus pointwise terms if they are all."""
     assert t.point is not None
     add, store_stage, some, whole = t.point.add, stage_store(fields), rows(fields), t.terms.unknowns
     skew = t.terms.skew
@@ -106,9 +106,9 @@ def drift(
     places: Places, inverse_area: vector, size: int, local: vector, tau: real, rate: vector,
     s: vector, carries: int, kept: real, path: vector,
 ):  # fmt: skip
-    """Set h += tau (DSS of `local` + rate) at N nodes, for depth h and wind V of s (3N, ...).
+    """Set h += tau (DSS of `local` / nodal area + rate) at N nodes, for depth h and wind V of s.
 
-    If `carries` is 1, the kernel also sets path = kept path + tau V, with the path (2N,) [m].
+    The state s has at least 3N numbers. If `carries` is 1, set path = kept path + tau V (2N,) [m].
     """
     i = wp.tid()
     k = 2 * size + i
@@ -124,7 +124,7 @@ def kick(
     places: Places, inverse_area: vector, stride: int, size: int, local: vector, gravity: real,
     tau: real, rate: vector, s: vector,
 ):  # fmt: skip
-    """Set V += tau (rate - gravity DSS of `local`) for both winds of a state s at N nodes."""
+    """Set V += tau (rate - gravity DSS of `local` / nodal area) for the wind V of s at N nodes."""
     i = wp.tid()
     j = size + i
     scale = -gravity * inverse_area[i]

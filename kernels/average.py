@@ -14,7 +14,7 @@ def flux(h0: real, u0: real, h1: real, u1: real):
 
 
 @func
-def square(u0: real, u1: real):
+def half_square(u0: real, u1: real):
     return (u0 * u0 + u0 * u1 + u1 * u1) / real(6.0)
 
 
@@ -44,7 +44,7 @@ def average_kernel(has_bottom: bool) -> Any:
             height += bottom[i]
         mean[i] = half * (first[i] + last[i])
         mean[j] = half * (first[j] + last[j])
-        mean[k] = gravity * height + square(first[i], last[i]) + square(first[j], last[j])
+        mean[k] = gravity * height + half_square(first[i], last[i]) + half_square(first[j], last[j])
         base[i] = flux(first[k], first[i], last[k], last[i]) / h
         base[j] = flux(first[k], first[j], last[k], last[j]) / h
         base[k] = h

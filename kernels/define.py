@@ -69,7 +69,7 @@ class Register:
 
     @staticmethod
     def func_native(code: str) -> Callable[[Any], Any]:
-        """Return a decorator that builds a device function from C++; Warp identifies it by name.
+        """Return a decorator that builds a device function from C++.
 
         The code uses the types `number`, `run` (a register of the processor), `runs` (a pointer to
         one) and `value` (the register of Warp), the number `lanes`, and `as_value(run)`. In some
@@ -152,8 +152,8 @@ if TYPE_CHECKING:  # annotations of what Warp compiles are Warp types
     from typing import no_type_check as kernel
 else:
     OPTIONS = {"module": "unique", "enable_backward": False, "module_options": {"max_unroll": 1}}
-    """Options of all kernels.  Unrolled loops would take long to compile.  Compiler flags stay at
-    their defaults: each set of flags compiles Warp's headers again, which takes seconds."""
+    """Options of all kernels.  Unrolled loops would take long to compile.  All kernels share their
+    compiler flags (`keep_headers`): each set compiles Warp's headers again, which takes seconds."""
 
     def func(f: Any) -> KernelTemplate:
         """Turn the decorated Python function into a device function."""

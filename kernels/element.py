@@ -27,8 +27,8 @@ def element_sweep(
     """Return functions that apply the formula to the elements of a group e.
 
     The first one, (geometry, a, x, e), loads winds that all fields share if `shared`. The second
-    one, (geometry, a, x, at, k, e, n, out, direct), then applies the formula at the offset `at` of
-    x and stores the k-th field of `out`; n is unused. `finish` stores inner nodes in `direct`.
+    one, (geometry, a, x, at, k, e, n, out, direct), then applies the formula to x[at:] and stores
+    fields in `out` from the k-th on; n is unused. `finish` stores inner nodes in `direct`.
     """
     (d1, d2), store = line_sums(t.np, f.rows), _store(f, finish)
     scalar, needs_winds, edges_only = f.is_scalar, f.needs_winds, f.edges_only

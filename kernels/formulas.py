@@ -19,7 +19,7 @@ class Formula:
     """An operator at node n of element e; `element.py` and `node.py` add the derivatives.
 
     x is the vector of the unknowns, with the operator's field at the offset `at`; a is the vector
-    of a prescribed wind or of the state at which a tangent is taken.
+    of a prescribed wind or of the state from which linear terms take their coefficients.
     """
 
     winds: Any

@@ -29,7 +29,8 @@ def _finish_mass(
     """Return the function that steps the k-th mass; the depth is the first one.
 
     geometry: a Warp structure with at least N (`size`), `inverse_area` (N,) and `point`; point: its
-    `PointwiseSum`; damped: rates include the loss of `levels_struct`; shifted: less its base.
+    `PointwiseSum`; damped: rates include the `loss` of `levels_struct`; shifted: its `base` is
+    subtracted from the stored combinations.
     """
     first, of_depth, step = unknowns - 1, point.depth, step_of(shifted)
 
@@ -95,7 +96,7 @@ def run_kernels(unknowns: int, point: Pointwise, damped: bool) -> tuple[Any, Any
     loss) in `count` blocks, with the rates of the pointwise terms at the masses `mass_mix` and the
     wind of `wind_mix`; then it stores the combinations of `levels_struct`. The second kernel steps
     both winds, with the rates at `wind_mix`. `loss` is read only if `damped`. If `point` is a
-    tangent, all combinations are shifted by `base`.
+    tangent, `base` is subtracted from all combinations.
     """
     added, shifted = pointwise_sum(unknowns, point), point.tangent
 

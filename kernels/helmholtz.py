@@ -9,8 +9,8 @@ reads them applies DSS: it adds to an element's own contribution those of `other
 3), one on an edge of the element and three at a corner. A missing contributor points to the group
 behind the elements, which is zero.
 
-The kernels require `KernelTypes` with `Terms.waves`. They run over (groups, np*np / `share`)
-threads, or, if they write a vector of nodes, over N threads.
+Kernels with a `geometry` require `Terms.waves`. All run over (groups, np*np / `share`) threads
+or, if they write a vector of nodes, over its nodes (`substitute`: `lanes` nodes per thread).
 """
 
 import functools
@@ -44,7 +44,7 @@ stores them then computes their divergence; otherwise the kernel `divergence` do
 
 @func
 def assemble(geo: geometry, field: local, flat: vector, e: int, n: int):
-    """Return the value at a node of an element after DSS."""
+    """Return the sum over the contributors of an element's node, not divided by the nodal area."""
     total = field[e, n, 0]
     on_1 = (n // np_) % (np_ - 1) == 0
     on_2 = (n % np_) % (np_ - 1) == 0

@@ -100,7 +100,7 @@ def sum_rooms(
 
 
 @kernel
-def fill_rooms(partial: wp.array2d(dtype=wp.vec3d), blocks: int, part: wp.array(dtype=wp.vec2d)):
+def room_parts(partial: wp.array2d(dtype=wp.vec3d), blocks: int, part: wp.array(dtype=wp.vec2d)):
     """Store for each tracer the fractions `part` of its room above and below to fill (two)."""
     k = wp.tid()
     total = wp.vec3d()

@@ -20,11 +20,11 @@ from swe_sphere.kernels.terms import KernelTypes, Terms, geometry, local, output
 
 @functools.cache
 def tendency_kernels(t: KernelTypes, finish_of: Any = finish_rates) -> list[Any]:
-    """Return the kernel (begin, geometry, x (unknowns*N,), out, direct (unknowns*N,)) of `t.terms`.
+    """Return a list that ends with the kernel (begin, geometry, x, out, direct) of `t.terms`.
 
-    The kernel handles the groups of elements from `begin` on. With diffusion in the shape "node",
-    the kernel (geometry, x), which fills `geometry.fluxes`, precedes it in the list and runs over
-    the same threads. If `t` has pointwise terms, the tendencies at nodes inside the first
+    The kernel handles the groups of elements from `begin` on, with x (unknowns*N,). With diffusion
+    in the shape "node", the kernel (geometry, x), which fills `geometry.fluxes`, precedes it and
+    runs over the same threads. Unless `t.point` is None, the tendencies at nodes inside the first
     `block_groups` groups are stored in `direct`, as after DSS. finish_of: function from t and a
     number of fields to the `Finish` of these nodes.
     """

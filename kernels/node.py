@@ -20,7 +20,7 @@ from swe_sphere.kernels.terms import KernelTypes, geometry, local, np_, output
 def node_sweep(t: KernelTypes, f: Formula) -> Any:
     """Return the function (geometry, a, x, at, k, e, n, out, direct) of a formula at a node.
 
-    The function reads the offset `at` of x and stores the k-th field of `out`; `direct` is unused.
+    The function reads x[at:] and stores fields in `out` from the k-th on; `direct` is unused.
     """
     derivatives, keep = _derivatives(t.np, f), keep_fields(f.fields)
     winds, load_winds, result = f.winds, f.load_winds, f.result
@@ -76,9 +76,9 @@ def _line_sums(order: int, rows: Any, name: str, at_node: Any, transposed: bool)
 def node_diffusion(t: KernelTypes) -> tuple[Any, Any]:
     """Return the kernel and the function of weak Laplacians at element nodes.
 
-    The kernel (geometry, x) stores in `geometry.fluxes` (E, np*np, 2 or 4) the two contravariant
-    fluxes of the height and, if the wind diffuses, W div V and W curl V with the GLL weights W. The
-    function (geometry, x, e, n, out, direct) then computes their weak divergence.
+    The kernel (geometry, x) stores in `geometry.fluxes` (..., np*np, 4) the two contravariant
+    fluxes of the height and, if the wind diffuses, W div V and W curl V with the GLL weights W.
+    The function (geometry, x, e, n, out, direct) then computes their weak divergence.
     """
     moves = t.terms.unknowns == 3
     formula = diffusion(t.terms, height=True, wind=moves)

@@ -37,7 +37,7 @@ class PointTerm:
 
 @dataclass(frozen=True)
 class Pointwise:
-    """The terms that depend on one node's state alone, compiled into one assembly kernel.
+    """The terms that depend on one node's state alone, compiled into kernels that finish its rates.
 
     `rotation`: -f k x V. `forcing`: a prescribed tendency of every unknown, independent of the
     state. `terms`: formulas of effects. `tangent`: the derivative of all terms except forcing at
@@ -111,11 +111,11 @@ def pointwise_sum(unknowns: int, point: Pointwise) -> PointwiseSum:
 
 @functools.cache
 def _coefficients(terms: tuple[PointTerm, ...]) -> Placeholder:
-    """Return the `Placeholder` of a structure: coefficients `mine` of the first term, `others`."""
+    """Return the `Placeholder` of a structure: coefficients `mine` of a term, rest in `others`."""
 
     def structure(of: Any) -> Any:
         if not terms:
-            return None
+            return None  # `Pointwise` then has no member `terms`
         numbers = dict.fromkeys(terms[0].numbers, of.real)
         fields = dict.fromkeys(terms[0].fields, wp.array(dtype=of.real))
         others = {"others": _coefficients(terms[1:]).find(of)} if terms[1:] else {}

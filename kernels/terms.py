@@ -1,6 +1,6 @@
 """Terms that a kernel is compiled for, and the arrays and types that these terms need.
 
-A term that is not declared here adds no array, no load and no branch to the generated code.
+A term that is off adds no array, no load and no branch to the generated code.
 """
 
 import functools
@@ -23,9 +23,10 @@ class Terms:
     * `pressure`: the surface height in that equation. Either term adds the continuity equation.
     * `bottom`: the surface height is depth plus bottom height.
     * `passive`: a scalar is the only unknown; the prescribed wind carries it.
-    * `diffusion`: weak Laplacian of the state, times the coefficient `nu`.
+    * `diffusion`: weak Laplacian of wind and surface height, or of the scalar, times `nu`.
     * `biharmonic`: weak Laplacian of a given Laplacian (`laplacian` array), times minus `nu4`.
-    * `no_transport`: with `passive`, only diffusion or what the kernel adds acts.
+    * `no_transport`: with `passive`, the geometry has no wind, and the scalar is transported only
+      if the kernel's own formula does so (`carrying_kernel`).
     * `skew`: the skew form. The vorticity of the state turns the wind of `base`, which carries
       the depth of `base`; the state stores the Bernoulli function in place of depth.
     * `tangent`: the exact derivative of all of these at the state `base`, applied to a direction.
@@ -103,8 +104,8 @@ class KernelTypes:
         self.share = np_ * np_ if shape == "element" else 1
         """Number of nodes per thread in kernels over (groups, np*np / share) threads."""
         self.geometry = self._geometry()
-        """Warp structure of the arrays and scalars that kernels of these types read.  Arrays
-        on element nodes have shape (groups, np*np, ...), arrays on unique nodes (unknowns*N,)."""
+        """Warp structure of arrays and scalars that kernels of these types read.  Arrays on element
+        nodes have shape (groups, np*np, ...), on unique nodes (N,), (2N,) or (unknowns*N,)."""
 
     def _geometry(self) -> Any:
         terms, value, real, point = self.terms, self.value, self.real, self.point

@@ -3,7 +3,7 @@
 A tracer with mixing ratio q has the mass hq per unit area, which the wind carries exactly as it
 carries the depth h, formulas and rounding included, so that q = 1 has the tendency of h. State
 vectors x hold h from the offset `depth` on and, from the offset `first` on, one block (N,) of hq
-per tracer; the kernels run over (tracers, N) threads.
+per tracer; kernels run over (tracers, N) threads unless stated otherwise.
 """
 
 import warp as wp
@@ -72,7 +72,7 @@ def surface_tangent(
 
 @kernel
 def mass_flux(wind: vector, x: vector, depth: int, size: int, first: int, s: stage, out: vector):
-    """Apply the stage s to the mass flux h (u, v) of wind[:2N] and x[depth:], into out[first:]."""
+    """Apply stage s to the flux h V of wind[:2N] and x[depth:] at N nodes, into out[first:]."""
     node = wp.tid()
     h = x[depth + node]
     store_stage_of_field(s, first + node, 0, single(h * wind[node]), out)

@@ -40,7 +40,7 @@ def add_4(
 
 
 ADDERS = {1: add_1, 2: add_2, 3: add_3, 4: add_4}
-"""Kernels (x, vector, factor, ..., out) by the number of vectors: out = x + the sum of the vectors.
+"""Kernels (x, vector, factor, ..., out) by the number of vectors: out = x + sum(factor * vector).
 
 A loop over rows takes four times as long on a CPU. `out` may be `x`.
 """

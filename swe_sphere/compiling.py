@@ -15,7 +15,7 @@ COMPILING = "compiling kernels, the first time only ..."
 
 
 def is_watched() -> bool:
-    """Return whether stderr of this very process is a terminal, or belongs to a notebook."""
+    """Return whether stderr is a terminal or belongs to a notebook; False in child processes."""
     if multiprocessing.parent_process() is not None or sys.stderr is None:
         return False
     return sys.stderr.isatty() or "ipykernel" in sys.modules

@@ -21,13 +21,13 @@ def block_threads(nodes: int) -> int:
 
 
 def shared_lines(kind: Any, np_: int, name: str, transposed: bool) -> tuple[Any, ...]:
-    """Return device functions by which the threads (..., element, node) share two rows per node.
+    """Return functions by which threads (..., element, node) share two values of `kind` per node.
 
-    kind: the type of a row. A kernel has one memory block per name, and a thread enters it once: on
+    kind: a type of rows. A kernel has one memory block per name, and a thread enters it once: on
     a CPU the next thread enters when this one has ended. All threads of a block must call the
     functions in this order: `room` = `enter`(node); `put`(room, p, first, second) for each p = node
     + turn, turn < `turns`(node); `meet`(); then the line sums `along` and `across` (room, d, i, j),
-    each of one row.
+    each of one value per node.
     """
     count = len(kind.find(Register(wp.float64))())
     held = f"number {name}[{2 * count * MOST_THREADS}];"

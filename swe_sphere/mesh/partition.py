@@ -80,9 +80,9 @@ class MeshPart:
     """
 
     element_numbers: Integers
-    """(e,) numbers in the mesh, along the curve: chunks away from the rim, then chunks on it."""
+    """(e,) numbers in the mesh, chunk by chunk: full chunks away from the rim, then the others."""
     interior_elements: int
-    """Number of elements in chunks away from the rim, which share no node with another rank."""
+    """Number of elements in full chunks away from the rim, which share no node with other ranks."""
     node_numbers: Integers
     """(n,) numbers in the mesh: interior nodes, then edges, then vertices, each in the order of the
     elements, nodes of other ranks last; on large meshes in blocks of BLOCK elements."""
@@ -99,7 +99,7 @@ class MeshPart:
     """Number of values that come from each neighbour."""
     spans: Integers
     """(3, chunks, 2) begin and end of the nodes that each chunk owns, among interior nodes, edges
-    and vertices; chunks along the curve. Unused, and of other shapes, for a single process."""
+    and vertices; chunks along the curve. Without MPI one span of all nodes, none if `is_mesh`."""
 
     is_mesh: bool = False
     """True if the part is the whole mesh in the order of the mesh."""

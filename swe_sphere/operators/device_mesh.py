@@ -80,7 +80,7 @@ class DeviceMesh(NotCopyable):
         """Function like `local`, but operators share the field: read it before the next launch."""
 
     def like(self, real: Any, shape: str) -> "DeviceMesh":
-        """Return the same part in another number type or order."""
+        """Return the same part in another number type or launch shape."""
         if (real, shape) == (self.real, self.shape):
             return self
         return DeviceMesh(self.mesh, self.device, real, shape, self.comm, self.part, self.launch)
@@ -282,12 +282,12 @@ class DeviceMesh(NotCopyable):
 
     @property
     def cuts(self) -> Cuts | None:
-        """Cuts of launches over the elements into strips; None on small meshes."""
+        """Cuts of launches over the elements into strips; None without `strips`."""
         return None if self.strips is None else self.strips.groups
 
     @functools.cached_property
     def strips(self) -> Strips | None:
-        """Strips of elements in which launches follow one another; None on small meshes."""
+        """Strips for launches; None on small meshes, under MPI and in the launch shape "node"."""
         if self.lanes == 1 or self.comm.shared or self.part.is_mesh:
             return None
         return Strips(self.part, self.lanes)
@@ -345,14 +345,14 @@ class DeviceMesh(NotCopyable):
         return row * width + np.where(entries >= 0, lane, lane_behind)
 
     def field(self, values: wp.array) -> Field:
-        """Return an array of registers of the run's number type, and the same memory as numbers."""
+        """Return an array of registers of the mesh's number type, and its memory as numbers."""
         size = wp.types.type_size_in_bytes
         numbers = values.size * size(values.dtype) // size(self.real)
         flat = wp.array(ptr=values.ptr, shape=(numbers,), dtype=self.real, device=self.device)
         return Field(values, flat)
 
     def upload(self, values: Array) -> wp.array:
-        """Return a numpy array on the device in the number type of the run."""
+        """Return a numpy array on the device in the number type of the mesh."""
         numbers = np.ascontiguousarray(values, self.numpy_real)
         return wp.array(numbers, dtype=self.real, device=self.device)
 
@@ -368,7 +368,7 @@ class DeviceMesh(NotCopyable):
     ) -> wp.array:
         """Return (e, k, *tail) or (e, np, np, *tail) of this rank's elements as (groups, k, *tail).
 
-        The result contains registers of lanes. scalar: a number type other than the run's.
+        The result contains registers of lanes. scalar: a number type other than the mesh's.
         """
         lanes = self.in_lanes(values.reshape(self.elements, -1, math.prod(tail)))
         return self.registers(lanes.reshape(*lanes.shape[:2], *tail, self.lanes), scalar)

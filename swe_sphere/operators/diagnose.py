@@ -10,7 +10,7 @@ FIRST, SECOND = "im,mje->eij", "jm,ime->eij"
 
 
 def assemble(mesh: Mesh, weighted: Array) -> Array:
-    """Return the DSS (N,) of mass-weighted element values (E, np, np): sums over nodal areas."""
+    """Return mass-weighted values (E, np, np) after DSS (N,): their sums divided by nodal areas."""
     return np.bincount(mesh.nodes.ravel(), weighted.ravel(), mesh.size) / mesh.area
 
 

@@ -145,7 +145,7 @@ class Launcher(NotCopyable):
             self.defer(known, cuts)
 
     def combine(self, x: wp.array, *terms: Any, out: wp.array) -> None:
-        """Set out = x + the sum of vectors, each followed by its factor; out may be x."""
+        """Set out = x + the sum of vectors, each times the factor that follows it; out may be x."""
         if not terms:
             wp.copy(out, x)
         for first in range(0, len(terms), 2 * len(ADDERS)):

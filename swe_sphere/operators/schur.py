@@ -126,7 +126,8 @@ Step = tuple[float, float, float]
 class SchurOperator:
     """The eliminated system in the number type of `mesh`, for state vectors (3N,) of type `given`.
 
-    gravity [m s-2], coriolis (N,) [s-1]. Call `configure` first and when tau or depth changes.
+    gravity [m s-2], coriolis (N,) [s-1]. Call `configure` first and when tau or depth changes. With
+    `damping`, the formulas below contain F as in the module's docstring, except in diag S.
     """
 
     def __init__(

@@ -28,7 +28,8 @@ NODES = 4096
 class Strips:
     """The threads of each strip, in launches over groups of elements and over nodes.
 
-    Strips of elements and nodes begin at multiples of BLOCK, at the same nodes in all number types.
+    Strips begin at multiples of BLOCK, those of nodes counted from the first node of their kind, so
+    at the same nodes in all number types.
     """
 
     def __init__(self, part: MeshPart, lanes: int) -> None:

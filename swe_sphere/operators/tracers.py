@@ -10,7 +10,7 @@ import warp as wp
 from swe_sphere.arrays import Array
 from swe_sphere.kernels.assembly import assemble_blocks
 from swe_sphere.kernels.dynamics import transport
-from swe_sphere.kernels.limiter import fill_rooms, limit_elements, limit_sphere, sum_rooms
+from swe_sphere.kernels.limiter import limit_elements, limit_sphere, room_parts, sum_rooms
 from swe_sphere.kernels.local import field_kernel
 from swe_sphere.kernels.tracers import correct, courant_rates, follow, mixing_ratio
 from swe_sphere.operators.device_mesh import DeviceMesh
@@ -103,7 +103,7 @@ class Limiter:
         self._bounds = (mesh.upload(lower), mesh.upload(upper))
         types, launch = mesh.types(), mesh.launch
         self._inside, self._sums, self._parts = launch.compile(
-            types, limit_elements, sum_rooms, fill_rooms
+            types, limit_elements, sum_rooms, room_parts
         )
         self._fill = mesh.over_nodes(limit_sphere)
         self._geometry = mesh.geometry(types.geometry)
