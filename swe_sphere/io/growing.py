@@ -61,10 +61,7 @@ def check_free(path: Path, overwrite: bool) -> None:
 
 
 def check_place(path: Path, what: str = "") -> None:
-    """Raise ConfigError, which begins with `what`, for a place in a store or taken by a folder.
-
-    A store of .zarr that contains no files but those of stores is accepted.
-    """
+    """Raise ConfigError, which begins with `what`, for a place in a store or a foreign folder."""
     for folder in filter(is_store, path.absolute().parents):
         raise ConfigError(f"{what}{folder} is a Zarr store: choose a place outside of it")
     if not path.is_dir():

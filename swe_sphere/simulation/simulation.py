@@ -20,19 +20,11 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from swe_sphere import errors
 from swe_sphere.arrays import Array
 from swe_sphere.compiling import is_watched
 from swe_sphere.equations.scene import Scene
-from swe_sphere.errors import (
-    ConfigError,
-    Interrupted,
-    NotCopyable,
-    RunFailed,
-    SolverFailed,
-    SweError,
-    Unstable,
-    in_one_line,
-)
+from swe_sphere.errors import ConfigError, Interrupted, RunFailed, SolverFailed, SweError, Unstable
 from swe_sphere.files.durable import translate_errors
 from swe_sphere.files.fingerprints import code_fingerprint
 from swe_sphere.files.user_file import cause, check_trusted, users_code
@@ -103,7 +95,7 @@ def exclusive(method: F) -> F:
     return cast("F", locked)
 
 
-class Simulation(NotCopyable):
+class Simulation(errors.NotCopyable):
     """A scene, a mesh and a stepper, set up and stepped.
 
     Simulations in several threads of a process work one after the other, a whole run each.  A
@@ -479,7 +471,7 @@ class Simulation(NotCopyable):
                 self._ended_by(error)
             else:
                 status = "failed" if ended.is_sound else ended.status
-                reason = f"{ended.reason}; {in_one_line(error)}"
+                reason = f"{ended.reason}; {errors.in_one_line(error)}"
                 self.outcome = replace(ended, status=status, reason=reason, exit_status=1)
 
     def _ended_by(self, error: Exception) -> None:
@@ -912,5 +904,7 @@ def _plotted(summary: Summary, file: Path, picture: Path, overwrite: bool) -> Su
         clear = isinstance(error, SweError)
         why = str(error) if clear else f"cannot draw {picture}: {cause(error)}"
         status = summary.exit_status or RunFailed.exit_status
-        return replace(summary, reason=summary.reason or in_one_line(why), exit_status=status)
+        return replace(
+            summary, reason=summary.reason or errors.in_one_line(why), exit_status=status
+        )
     return summary

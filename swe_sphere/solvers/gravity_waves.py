@@ -225,8 +225,7 @@ class GravityWaves:
         """Set out = (I - tau L)^-1 r, both states, from a guess (N,) of the depth; None for 0.
 
         The residual of the eliminated system is at most `target` [m] or `tolerance` times its
-        right-hand side. The masses of `out` are those of r, for any tolerance. All arrays are of
-        the run's number type.
+        right-hand side; `out` has exactly the masses of r. Arrays have the run's number type.
         """
         b, h = self._fields
         self.operator.eliminate(r, b)

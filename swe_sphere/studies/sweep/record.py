@@ -71,9 +71,7 @@ class RunRecord(Record):
     repeat: int
     role: Role
     config: RunConfig
-    """Complete: scene, mesh, stepper and its options, the step dt [s] and the length [days].
-    A trial of stability may be longer, see `numbers`.
-    """
+    """Complete: scene, mesh, stepper, options, step dt [s]; days of the plan, also for trials."""
     status: Annotated[str, Field(pattern=f"^({'|'.join(STATUSES)})$")]
     reason: str
     numbers: Mapping[str, float | None]
