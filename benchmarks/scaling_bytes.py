@@ -22,7 +22,8 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import Partition
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.sparse import gradients
-from swe_sphere.solvers.preconditioners.coarse import COARSE_STEPS, coarse_spaces
+from swe_sphere.solvers.preconditioners.coarse import coarse_spaces
+from swe_sphere.solvers.preconditioners.multilevel import COARSE_STEPS
 
 FIELDS = {"tendency_of_groups": 3, "gradient": 2, "wind_fluxes": 1, "slope_fluxes": 1}
 """Number of fields that kernels over elements send to other ranks at a shared node: rates of wind
@@ -112,10 +113,7 @@ class Traffic:
         return int(elements) * self._of_an_element, int(((own @ see) > 0).sum() - own.sum())
 
     def bytes_sent(self, did: Launches) -> float:
-        """Return the bytes that all ranks send in a step; did: launches per step on one process.
-
-        Conjugate gradients, with operators in float64, exchange the ring once more per correction.
-        """
+        """Return the bytes that all ranks send in a step; did: launches per step on one process."""
         total = 0.0
         for kernel, calls in did.items():
             name, size = kernel.split()
@@ -123,7 +121,7 @@ class Traffic:
                 total += calls * FIELDS[name] * int(size) * self.on_the_rim
         if f"{RESTRICT} {SINGLE}" in did:
             integrals, functions = self.coarse
-            of_one = integrals + (COARSE_STEPS - 1 + ("gradient 8" in did)) * functions
+            of_one = integrals + (COARSE_STEPS[0] - 1) * functions
             total += did[f"{RESTRICT} {SINGLE}"] * SINGLE * of_one
         return total
 

@@ -22,7 +22,7 @@ def half_square(u0: real, u1: real):
 def average_kernel(has_bottom: bool) -> Any:
     """Return the kernel that averages the energy's gradient between two states.
 
-    `first`, `last`, `mean` and `base` are states (3N,) of the skew form. F and B are the averages
+    All states are (3N,), `mean` and `base` those of the skew form. F and B are the averages
     of hV and |V|²/2 + g(h + b), the derivatives of the energy with respect to V and h, along the
     straight line from `first` to `last`. The kernel stores (wind half way, B) in `mean` and (F / h,
     h) in `base`, where h is the depth half way. The energy is cubic, so these formulas are exact.

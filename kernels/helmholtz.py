@@ -139,8 +139,8 @@ def eliminate(
     e, part = wp.tid()
     e += begin
     for n in range(part * share, part * share + share):
-        inflow = mul(geo.per_area[e, n], assemble(geo, field, flat, e, n))
-        b[e, n, 0] = load_given(r, 2 * geo.size, geo.nodes[e, n]) - tau * inflow
+        outflow = mul(geo.per_area[e, n], assemble(geo, field, flat, e, n))
+        b[e, n, 0] = load_given(r, 2 * geo.size, geo.nodes[e, n]) - tau * outflow
 
 
 @kernel

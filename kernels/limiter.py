@@ -87,7 +87,7 @@ def sum_rooms(
 ):  # fmt: skip
     """Sum the excess and the room above and below (three numbers), over (count, blocks).
 
-    Block b contains the nodes from spans[k, b, 0] to spans[k, b, 1] for all k.
+    Block b contains the nodes from spans[kind, b, 0] to spans[kind, b, 1] for all kinds.
     """
     k, block = wp.tid()
     total = wp.vec3d()

@@ -115,7 +115,7 @@ def _coefficients(terms: tuple[PointTerm, ...]) -> Placeholder:
 
     def structure(of: Any) -> Any:
         if not terms:
-            return None  # `Pointwise` then has no member `terms`
+            return None  # that of the sum then has no member `terms`
         numbers = dict.fromkeys(terms[0].numbers, of.real)
         fields = dict.fromkeys(terms[0].fields, wp.array(dtype=of.real))
         others = {"others": _coefficients(terms[1:]).find(of)} if terms[1:] else {}

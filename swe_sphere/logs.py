@@ -47,7 +47,7 @@ def print_lines(level: int = logging.INFO) -> Iterator[None]:
 
 @contextmanager
 def append_lines(path: Path | None) -> Iterator[None]:
-    """Append all lines in the block to a file, if one is given, with time and level.
+    """Append lines with time and level to a file, if one is given; within `print_lines` all.
 
     Raises ConfigError if the file cannot be written, or exists and is not a log.
     """

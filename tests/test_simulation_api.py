@@ -381,6 +381,17 @@ def test_steps_are_shortened_so_that_calls_fall_on_them():
         sim.run(days=0.5, callbacks=[every(hours=1.0001)(print)])
 
 
+def test_callbacks_by_steps_come_in_a_resumed_run_whose_steps_pass_over_the_multiples():
+    """Three steps are taken with one of the tracers, from a number that is no multiple of three."""
+    called, every_six = [], every(steps=6)(lambda sim: called.append(sim.steps))
+    sim = Simulation("deformational", ne=4, np=4, tracer_steps="auto")
+    sim.run(days=0.5, every=12)
+    before = sim.steps
+    sim.run(days=5, every=7, callbacks=[every_six])
+    assert sim.plan.cycle == 3 and before % 3
+    assert np.all(np.diff(called[:-1]) == 6) and len(called) >= (sim.steps - before) // 6
+
+
 def test_the_time_between_calls_is_checked_by_whoever_makes_the_callback():
     times = []
     small(dt=1700.0).run(

@@ -117,7 +117,7 @@ def test_limits_are_noted(swe):
     assert status == 0
     assert re.fullmatch(
         r"rk4, ne2 np4 float64: longest stable step .* s, 2\.\d+ gravity limits"
-        r" \(100 steps and 5 days at least; spectral limit .* s\)\n",
+        r" \(100 steps and 5 days at least; estimated stability limit .* s\)\n",
         err,
     )
 

@@ -1,4 +1,4 @@
-// Body of add_products in sums.py; `together` numbers of chunks side by side go by at a time.
+// Body of add_products in sums.py; adjacent chunks of about `together` numbers in all are processed at a time.
 typedef double eight __attribute__((ext_vector_type(8)));
 typedef long long places __attribute__((ext_vector_type(8)));
 struct one { enum { value = 1 }; };

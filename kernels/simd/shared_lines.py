@@ -26,8 +26,8 @@ def shared_lines(kind: Any, np_: int, name: str, transposed: bool) -> tuple[Any,
     kind: a type of rows. A kernel has one memory block per name, and a thread enters it once: on
     a CPU the next thread enters when this one has ended. All threads of a block must call the
     functions in this order: `room` = `enter`(node); `put`(room, p, first, second) for each p = node
-    + turn, turn < `turns`(node); `meet`(); then the line sums `along` and `across` (room, d, i, j),
-    each of one value per node.
+    + turn, turn < `turns`(node); `meet`(); then the line sums `along` of the first values and
+    `across` of the second ones, (room, d, i, j).
     """
     count = len(kind.find(Register(wp.float64))())
     held = f"number {name}[{2 * count * MOST_THREADS}];"

@@ -308,8 +308,8 @@ def spectra(u: Array, v: Array, degree: int, radius: float) -> Array:
 
     u, v: wind [m s-1] on a Gaussian grid. Values are means over the sphere: both energies, summed
     over all wavenumbers n, are the mean of (u² + v²) / 2; the enstrophy sums to the mean of ζ² / 2.
-    With the coefficients of vorticity and divergence the energy is a² / (4 n (n + 1)) Σ_m (|ζ_nm|²
-    + |δ_nm|²) (Lambert, 1984, Atmosphere-Ocean 22, eq. 6).
+    The energy of degree n is a² / (2 n (n + 1)) times the mean squares of the vorticity and the
+    divergence of that degree (Lambert, 1984, Atmosphere-Ocean 22, eq. 6).
     """
     grid = GaussGrid(u.shape[0] - 1)
     squares = (mean_squares(grid.against_gradients(*flux)) for flux in ((v, -u), (u, v)))

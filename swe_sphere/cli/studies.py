@@ -144,7 +144,7 @@ def _page_file(out: Path, folder: str, quick: bool, words: Sequence[str]) -> Pat
 
 
 def _shown(found: Iterator[Row]) -> Iterator[Row]:
-    """Yield the rows; print each group's table and its failures once the group is complete."""
+    """Yield the rows; print each group's table, and why rows did not pass, after its last row."""
     from swe_sphere.studies.cases.rows import cells_of
 
     for _, group in groupby(found, lambda row: row.case.group):

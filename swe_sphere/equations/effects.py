@@ -495,7 +495,7 @@ class Relaxation(PointwiseEffect):
 
 
 DYNAMICS: tuple[Effect, ...] = (MomentumAdvection(), PressureGradient())
-"""The effects of every scene that steps the wind."""
+"""The nonlinear dynamics without rotation and bottom; a scene may have fewer effects."""
 
 EFFECTS: dict[str, type[Effect]] = {
     each.name: each

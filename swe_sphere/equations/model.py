@@ -93,7 +93,7 @@ class Model(DiscreteScene):
         return self.scene.effect("edge-penalty") is not None
 
     def damping(self, squares: Array) -> Array:
-        """Return the damping rates [s-1] of all effects; squares: squared wavenumbers [m-2]."""
+        """Return the sum [s-1] of each `Effect.damping`; squares: squared wavenumbers [m-2]."""
         total = np.zeros_like(squares)
         for effect in self.scene.effects:
             total += effect.damping(self.mesh, squares)

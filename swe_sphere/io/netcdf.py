@@ -42,9 +42,9 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
     (N,) or a number. tracers: their names. samples: largest number of times with diagnostics.
     append_from: time [s] from which the run in the file is resumed, under its run_id: its frames
     and samples before that time are copied first, and it stays in place until the new file has as
-    many frames. about: attributes (long_name, units) of user-defined diagnostics. user_fields:
-    values, (N,) or profiles as data arrays, of those in frames; the others are series. only:
-    names of the fields in frames; all if empty. transform: the file contains what it returns for
+    many frames or is finished. about: attributes (long_name, units) of custom diagnostics.
+    user_fields: values, (N,) or profiles as data arrays, of those in frames; the others are series.
+    only: names of the fields in frames; all if empty. transform: the file contains its result for
     the dataset of each frame, the wind always as both components, and no series.
 
     Raises ConfigError for an unknown field, if the file cannot be created, if another run writes
@@ -153,7 +153,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
             write_checkpoint(checkpoint_path(self.path), checkpoint)
 
     def finish(self, summary: Mapping[str, object]) -> None:
-        """Write how the run ended: a JSON object in the attribute `summary`.
+        """Write how the run ended, a JSON object in the attribute `summary`, to the file in place.
 
         Entries that do not fit are omitted, from the end of the summary.
         """

@@ -37,7 +37,7 @@ def latitude_weights(lat: Array, bounds: Array | None = None) -> Array:
     """Return the share (M,) of the sphere's area of each latitude circle lat (M,) [rad].
 
     They are the zones between bounds (M, 2) [rad]; without bounds Gauss weights for latitudes of a
-    Gaussian grid, and the zones between the midpoints of neighbours for others.
+    Gaussian grid, for others zones between neighbours, bounded at the means of sines.
     """
     if bounds is not None:
         return np.abs(np.diff(np.sin(bounds), axis=1)[:, 0]) / 2.0

@@ -84,8 +84,8 @@ class MeshPart:
     interior_elements: int
     """Number of elements in full chunks away from the rim, which share no node with other ranks."""
     node_numbers: Integers
-    """(n,) numbers in the mesh: interior nodes, then edges, then vertices, each in the order of the
-    elements, nodes of other ranks last; on large meshes in blocks of BLOCK elements."""
+    """(n,) numbers in the mesh: nodes inside elements, on edges, at vertices, each in the order of
+    the elements, nodes of other ranks last; on large meshes in blocks of BLOCK elements."""
     nodes: NDArray[np.int32]
     """(e, np, np) position in `node_numbers` of each element node."""
     counts: NDArray[np.integer]
@@ -98,8 +98,8 @@ class MeshPart:
     receives: dict[int, int]
     """Number of values that come from each neighbour."""
     spans: Integers
-    """(3, chunks, 2) begin and end of the nodes that each chunk owns, among interior nodes, edges
-    and vertices; chunks along the curve. Without MPI one span of all nodes, none if `is_mesh`."""
+    """(3, chunks, 2) begin and end of the nodes that each chunk owns inside elements, on edges
+    and at vertices; chunks along the curve. Without MPI a span of all nodes, none if `is_mesh`."""
 
     is_mesh: bool = False
     """True if the part is the whole mesh in the order of the mesh."""

@@ -374,7 +374,7 @@ class DeviceMesh(NotCopyable):
         return self.registers(lanes.reshape(*lanes.shape[:2], *tail, self.lanes), scalar)
 
     def in_lanes(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return (e, k, ...) as (groups, k, ..., lanes)."""
+        """Return (e, k, ...) as (groups, k, m, lanes), with m numbers in the axes after k."""
         short = self.groups * self.lanes - self.elements
         padded = np.concatenate([values, np.repeat(values[-1:], short, axis=0)])
         grouped = padded.reshape(self.groups, self.lanes, values.shape[1], -1)

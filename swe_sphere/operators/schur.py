@@ -126,8 +126,8 @@ Step = tuple[float, float, float]
 class SchurOperator:
     """The eliminated system in the number type of `mesh`, for state vectors (3N,) of type `given`.
 
-    gravity [m s-2], coriolis (N,) [s-1]. Call `configure` first and when tau or depth changes. With
-    `damping`, the formulas below contain F as in the module's docstring, except in diag S.
+    gravity [m s-2], coriolis (N,) [s-1]. Call `configure` first. With `damping`, formulas contain F
+    as in the module's docstring, but not in diag S. Numpy arrays span the mesh, vectors this rank.
     """
 
     def __init__(

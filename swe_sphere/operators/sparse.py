@@ -81,7 +81,7 @@ def stiffness(
 ) -> scipy.sparse.csr_matrix:
     """Return the integrals (N, N) of coefficient (N,) times grad phi . grad s of nodal functions.
 
-    With a `space` these are integrals of its functions, without the large matrix on the nodes.
+    With a `space`, these are those of its functions (none omitted), without the matrix of nodes.
     """
     lines = _lines(mesh)
     numbers = mesh.nodes.reshape(mesh.elements, -1)

@@ -161,7 +161,7 @@ class CourantRate:
         self._max = wp.zeros(mesh.groups, dtype=types.value, device=mesh.device)
 
     def bound(self, flux: wp.array, depth: wp.array) -> float:
-        """Return the spectral radius [s-1] of q -> div(q flux) / depth, or up to a third more."""
+        """Return an upper estimate [s-1] of the spectral radius of q -> div(q flux) / depth."""
         self._mesh.launch(self._kernel, self._mesh.groups, self._geometry, flux, depth, self._max)
         return float(self._symbol * self._mesh.comm.allgather_number(self._max.numpy().max()).max())
 

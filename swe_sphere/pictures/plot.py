@@ -215,7 +215,7 @@ class LivePicture:
             )
 
     def draw(self, frame: Nodal, time: float, caption: str) -> None:
-        """Draw a frame at a time [s]; the field and its range are appended to the caption."""
+        """Draw a frame at a time [s]; field and ends of the colour scale follow the caption."""
         first = self._drawing is None
         if self._drawing is None:
             name = default_field(frame) if self._field == "auto" else self._field

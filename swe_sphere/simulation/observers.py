@@ -428,7 +428,8 @@ class Callback(Observer):
     def due(self, step: int) -> bool:
         if self.seconds is not None:
             return self._plan.is_multiple(step, self.seconds)
-        return self._plan.is_sample(step, self.times) if self.times else step % self.steps == 0
+        is_next = step % self.steps < self._plan.cycle  # a resumed run may pass over the multiple
+        return self._plan.is_sample(step, self.times) if self.times else is_next
 
     def observe(self, snapshot: Snapshot) -> None:
         call_in_run(label(self), self.function, snapshot.sim)

@@ -60,7 +60,7 @@ def run_radii(kind: type[Stepper], model: Model, times: Iterable[float]) -> list
 def limiting_times(model: Model, days: float) -> list[float]:
     """Return the times [s] that limit the steps of a run: 0, and that of the strongest wind.
 
-    An unsteady wind is compared at irregular times, which no period fits, until it fails.
+    An unsteady wind is compared at irregular times, which no period fits, until one is undefined.
     """
     if not model.scene.unsteady_wind:
         return [0.0]
@@ -92,13 +92,13 @@ class RunPlan:
     rule: str = "as given"
     """How the step was chosen, in words."""
     cycle: int = 1
-    """Steps that are taken together with one step of the tracers; divides all other counts."""
+    """Steps taken together with one of the tracers; divides other counts, those since a resume."""
     lead_steps: int = 0
     """Number of steps before the first step of `dt`."""
     origin: float = 0.0
     """Time of the first step of `dt` [s]."""
     lead_dt: float = 0.0
-    """Length of the steps before `origin` [s]."""
+    """Length of the steps from the present one to `origin` [s]."""
     tail_steps: int = 0
     """Number of steps of another length at the end."""
     tail_dt: float = 0.0
@@ -110,7 +110,7 @@ class RunPlan:
         return self.steps - self.tail_steps
 
     def time(self, step: int) -> float:
-        """Return the time [s] after that many steps, to the microsecond."""
+        """Return the time [s] after that many steps, none before a resume, to the microsecond."""
         if step < self.lead_steps:
             return round(self.origin - (self.lead_steps - step) * self.lead_dt, 6)
         ahead = max(0, min(step, self.steps) - self.tail_begin)

@@ -193,7 +193,7 @@ class Simulation(errors.NotCopyable):
         self.warn: Warn = lambda text: None
         """Called with each warning of a run."""
         self.user_axes: dict[Diagnostic, tuple[int, list[tuple[Any, ...]]]] = {}
-        """Axes of the first value of each user-defined diagnostic, and the profile's coordinate."""
+        """Number of axes of the first value of each custom diagnostic, and profile coordinates."""
         self.not_finite: set[Diagnostic] = set()
         """User-defined diagnostics that were not finite, of which there is one warning each."""
         self.signal_number: int | None = None  # number of the signal that came during the last run
@@ -288,7 +288,7 @@ class Simulation(errors.NotCopyable):
     @cached_property
     @exclusive
     def gravity_limit(self) -> float:
-        """Gravity-wave stability limit [s]: 1 over the spectral radius at the initial state."""
+        """Stability limit of leapfrog [s]: 1 over the initial spectral radius of waves and wind."""
         radius = self.model.spectral_radii(self.model.initial_state()).wave
         return 1.0 / radius if radius > 0.0 else math.inf
 
@@ -415,7 +415,7 @@ class Simulation(errors.NotCopyable):
         self.take(1)
 
     def take(self, most: int) -> None:
-        """Take one step of the stepper, up to `most` at once, or the steps of one tracer step."""
+        """Take a step, or several that are faster together or of one tracer step, up to `most`."""
         try:
             self.stepper.take(most)
         except (SolverFailed, *BREAKDOWNS) as error:

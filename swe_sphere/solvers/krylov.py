@@ -26,7 +26,7 @@ from swe_sphere.solvers.vector_space import VectorSpace
 UNTRUSTED = 1e4
 # A true residual of so few round-offs of its terms that no longer falls is at its minimum.
 MOST_ROUNDOFFS = 1e3
-# Fraction of a residual norm down to which later norms follow from products alone.
+# Fraction of the last residual norm below which the next one, from products alone, is inaccurate.
 FALL = 1e-3
 # Fraction of its terms below which a residual may be noise to a preconditioner in float32.
 NOISE = 1e-6

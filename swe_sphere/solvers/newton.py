@@ -67,7 +67,7 @@ class Problem(Protocol):
         """Set out = F(x)."""
 
     def linearise(self, x: wp.array) -> None:
-        """Fix the x at which `jacobian` and `precondition` act; x does not change meanwhile."""
+        """Fix the x at which `jacobian` acts; `precondition` may be that of an earlier x."""
 
     def jacobian(self, d: wp.array, out: wp.array) -> None:
         """Set out = F'(x) d."""
@@ -212,11 +212,11 @@ class Search(NamedTuple):
 def backtrack(trial: Callable[[float], float], norm: float, eta: float) -> Search:
     """Shorten until |F(x + s d)| <= (1 - DECREASE s (1 - eta)) |F(x)| (Eisenstat & Walker 1994).
 
-    trial(s) is |F(x + s d)|, norm |F(x)|, eta the forcing term. The next length minimises a
-    parabola through |F|^2: at first the one with the least slope of a direction of relative
-    residual eta, then the one through the last two trials and the origin (Kelley, Iterative Methods
-    for Linear and Nonlinear Equations, 1995, 8.3.1), limited to between `LEAST_SHORTENING` and a
-    half of the last. A trial that is not finite is cut to a quarter.
+    trial(s) is |F(x + s d)|, norm |F(x)|, eta the relative residual of d in the linear system. The
+    next length minimises a parabola through |F|^2: at first the one with the least slope that d may
+    have, then the one through the last two trials and the origin (Kelley, Iterative Methods for
+    Linear and Nonlinear Equations, 1995, 8.3.1), limited to between `LEAST_SHORTENING` and a half
+    of the last. A trial that is not finite is cut to a quarter.
     """
     s, t, previous = 1.0, 0.0, norm
     for count in range(1, TRIALS + 1):

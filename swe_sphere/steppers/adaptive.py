@@ -27,19 +27,19 @@ SMALLEST_PART = 1e-6
 CUTS_KEPT = 100
 
 
-def step_ratio(error: float, before: float, tolerance: float, order: int) -> float:
+def step_ratio(error: float, before: float, tolerance: float, power: int) -> float:
     """Return the length of the next step over that of this one, from two successive errors.
 
-    0.9 (tolerance/error)^(0.7/p) (before/tolerance)^(0.4/p), between 1/2 and 2, p the power of dt
-    to which the error is proportional: proportional-integral control (Gustafsson 1991,
+    0.9 (tolerance/error)^(0.7/p) (before/tolerance)^(0.4/p), between 1/2 and 2, with the error
+    proportional to dt^p, p = power: proportional-integral control (Gustafsson 1991,
     doi:10.1145/210232.210242; Hairer & Wanner 1996, IV.2). A previous error of 0 is ignored.
     """
     if not math.isfinite(error):
         return MIN_RATIO
     if error == 0.0:
         return MAX_RATIO
-    present: float = (tolerance / error) ** (PRESENT / order)
-    past = (before / tolerance) ** (PAST / order) if before > 0.0 else 1.0
+    present: float = (tolerance / error) ** (PRESENT / power)
+    past = (before / tolerance) ** (PAST / power) if before > 0.0 else 1.0
     return min(MAX_RATIO, max(MIN_RATIO, SAFETY * present * past))
 
 

@@ -65,7 +65,7 @@ against the waves has the same growth."""
 WEAK = 1e-4
 """Accepted growth per step in any wind, where steps of any length may have a little growth."""
 NOTHING_BUT_WIND = 1.0
-"""Ratio of wind to wave speed that stands for a flow without gravity waves."""
+"""`wind_share` of a flow without gravity waves."""
 
 
 class FlowLimitStepper(Stepper):
@@ -108,7 +108,7 @@ class FlowLimitStepper(Stepper):
         """Return matrices (..., n, n) of a step, for the levels of h' sqrt(g/H), then those of u.
 
         The wave has dt dh/dt = (loss - wind) h - wave u, and likewise for u. wave, wind and loss
-        (..., 1) are rates times dt; `share` is the ratio of the wind to the speed of waves.
+        (..., 1) are rates times dt; `share` is the `wind_share` of the flow.
         """
         raise NotImplementedError
 

@@ -170,7 +170,7 @@ class Passes:
 
 Triple = tuple[float, float, float]
 STRONG = 0.139
-"""Wind over wave speed above which the coefficients for strong winds permit longer steps."""
+"""`wind_share`, U/(U + c), above which the coefficients for strong winds permit longer steps."""
 
 
 class DepthThenWind(FlowLimitStepper):
@@ -237,7 +237,7 @@ class ForwardBackward(DepthThenWind):
 
     @classmethod
     def weights_in(cls, share: float) -> Triple:
-        """Return the coefficients for a wind whose ratio to the speed of waves is `share`."""
+        """Return the coefficients for a flow of that `wind_share`."""
         if share == NOTHING_BUT_WIND:
             return cls.advection
         return cls.strong if share > STRONG else cls.waves
@@ -279,7 +279,7 @@ class ForwardBackward(DepthThenWind):
 
     @classmethod
     def propagator(cls, share: float, wave: Complex, wind: Complex, loss: Complex) -> Complex:
-        """Return the change (..., 6, 6) of (h' sqrt(g/H), u) on three levels; see the base."""
+        """Return matrices (..., 6, 6) that map three levels of h' sqrt(g/H) and u; see the base."""
         turn, mass, depth = map(np.array, level_weights(*cls.weights_in(share)))
         h, u = np.eye(6).reshape(2, 3, 6)
         new = (1.0 + loss) * h[0] - wind * (mass @ h) - wave * (turn @ u)
@@ -341,7 +341,7 @@ class ForwardBackwardRK3(DepthThenWind):
 
     @classmethod
     def propagator(cls, share: float, wave: Complex, wind: Complex, loss: Complex) -> Complex:
-        """Return the change (..., 2, 2) of (h' sqrt(g/H), u) by a step; see the base class."""
+        """Return matrices (..., 2, 2) that map (h' sqrt(g/H), u) over a step; see the base."""
         start_h, start_u = h, u = np.eye(2, dtype=complex)
         for fraction, (a_new, a_now, a_last) in zip(cls.fractions, cls._rows(), strict=True):
             new = start_h + fraction * (loss * start_h - wind * h - wave * u)

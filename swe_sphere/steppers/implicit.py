@@ -190,9 +190,9 @@ class VariableStepper(Stepper):
         """The state after the step last attempted."""
 
     def advance(self) -> None:
-        """Take a step of dt, or as many equal fractions of it as its solver needs.
+        """Take a step of dt; each failed solve halves the parts in which the rest of it is taken.
 
-        Raises SolverFailed, and restores the state, if the smallest fractions fail.
+        Raises SolverFailed, and restores the state, if the smallest parts fail.
         """
         done, parts = 0, 1
         while done < parts:

@@ -30,10 +30,10 @@ class MultirateInfinitesimalStep(FlowLimitStepper):
 
     Wensch, Knoth & Galant 2009, Knoth & Wensch 2014 (doi:10.1175/MWR-D-13-00068.1; source of the
     coefficients). With the changes D_j since the start x of the step, D_i is the result of Z' = L Z
-    + [sum_j gamma_ij D_j / dt + sum_j beta_ij (F - L)(x + D_j)] / d_i from sum_j alpha_ij D_j after
-    the time d_i dt, d_i = sum_j beta_ij. L are the gravity waves on a fluid at rest that is as deep
-    as x. L is linear: the term subtracted from F is L of the mean of the D_j with the weights
-    beta_ij / d_i, and Z is relative to that mean. Without gravity waves it is Runge-Kutta.
+    + [sum_j gamma_ij D_j / dt + sum_j beta_ij (F(x + D_j) - L D_j)] / d_i from sum_j alpha_ij D_j
+    after the time d_i dt, d_i = sum_j beta_ij. L are the gravity waves on a fluid at rest that is
+    as deep as x. L is linear: the term subtracted from F is L of the mean of the D_j with the
+    weights beta_ij / d_i, and Z is relative to it. Without gravity waves it is Runge-Kutta.
 
     `substeps`: least number of sub-steps in a step, not negative; 0: as many as the waves need.
     """
@@ -117,7 +117,7 @@ class MultirateInfinitesimalStep(FlowLimitStepper):
 
     @classmethod
     def propagator(cls, share: float, wave: Complex, wind: Complex, loss: Complex) -> Complex:
-        """Return the change (..., 2, 2) of (h' sqrt(g/H), u) by a step; see the base class."""
+        """Return matrices (..., 2, 2) that map (h' sqrt(g/H), u) over a step; see the base."""
         alpha, beta, gamma = cls._matrices()
         x, z, damped = np.eye(2), wave[..., None], (loss - wind)[..., None]
         changes, slopes = np.zeros((2, STAGES, *wave.shape[:-1], 2, 2), complex)

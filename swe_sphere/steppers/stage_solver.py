@@ -190,18 +190,17 @@ class WaveSolver(StageSolver):
 
     def solve(
         self, tau: float, t: float, r: wp.array, guess: wp.array | None, out: wp.array,
-        change: float | None = None,
+        change: float = 0.0,
     ) -> None:  # fmt: skip
         """Set out = (I - tau L)^-1 r, both states, from a guess of its depth (N,), from t [s] on.
 
-        guess: None for 0; change: norm [m s-1] of the change to which the tolerance is relative, by
-        default the right-hand side of the eliminated equation for the depth. Raises SolverFailed if
-        the solve does not converge.
+        guess: None for 0; change: norm [m s-1] of the change to which the tolerance is relative; 0:
+        the right-hand side of the eliminated equation for the depth. Raises SolverFailed if the
+        solve does not converge.
         """
         self.waves.setup(tau)
-        target = 0.0 if change is None else self.tolerance * self._depth_per_wind * change
-        relative = self.tolerance if change is None else 0.0
-        result = self.waves.solve(r, guess, out, relative, max(target, self._floor))
+        target = max(self.tolerance * self._depth_per_wind * change, self._floor)
+        result = self.waves.solve(r, guess, out, 0.0 if change else self.tolerance, target)
         self.counters["krylov_iterations"] += result.iterations
         if not result.converged:
             raise SolverFailed(

@@ -169,7 +169,7 @@ class Stepper(Trajectory, ABC):
 
     A method defines `advance`, which changes `state` in place, and `amplification`, from which its
     longest stable step follows. With `splits_penalty` its `model` has no edge penalty: `penalty`
-    acts in the middle of cycles of steps, or its rate is held over an implicit step. With
+    acts in the middle of every `penalty.every` steps, or its rate is held over a step. With
     `splits_diffusion` the model has no viscosity and no hyperviscosity: `diffusion` steps them,
     after even steps and before odd ones: Strang's splitting of two steps, of second order.
     """
@@ -284,7 +284,7 @@ class Stepper(Trajectory, ABC):
         """Make the first guesses of a method with a solver from the initial slope."""
 
     def _is_penalised(self, steps: int) -> bool:
-        """Return whether the penalty is due after that many steps; cycles count from time 0."""
+        """Return whether the penalty is due after that many steps; periods count from time 0."""
         return self.penalty is not None and self.penalty.is_due(steps, round(self.origin / self.dt))
 
     def step(self) -> None:

@@ -130,7 +130,7 @@ def verdict_of(copy: Path, cases: tuple[str, ...]) -> str | None:
 def verdict_of_tests(copy: Path, tests: tuple[str, ...]) -> str | None:
     """The first test that fails in a copy of the sources."""
     files = [str(Path("tests", test)) for test in tests]
-    done = _python(copy, "pytest", "-q", "-x", "-p", "no:cacheprovider", *files)
+    done = _python(copy, "pytest", "-q", "-x", "-m", "", "-p", "no:cacheprovider", *files)
     if done.returncode == 0:
         return None
     if failed := re.search(r"^FAILED tests/(\S+)", done.stdout, re.MULTILINE):

@@ -251,9 +251,6 @@ def _numbers(spaces: list[ElementSpace]) -> Integers:
     return np.concatenate([smooth, both, one + other], axis=1, dtype=np.int32)
 
 
-COARSE_STEPS = 6
-"""Number of Chebyshev steps on the coarse functions.  After some days of a run the computational
-modes limit the convergence: three steps need 1.5 times as many iterations."""
 NEGLIGIBLE = 0.02
 """Size of omitted couplings of computational modes, relative to the diagonal."""
 SPACING = 12
@@ -297,8 +294,8 @@ class CoarseCorrection:
             for each in (self._d, self._new):
                 operator.mesh.register_exchange(each.flat, *ring)
 
-    def setup(self, tau: float, depth: Array) -> None:
-        """Build the coarse operators for the implicit step tau [s] and the depth (N,) [m]."""
+    def setup(self, tau: float, depth: Array, steps: int) -> None:
+        """Build operators for the implicit step tau [s], depth (N,) [m] and that many steps."""
         schur, longest = self._operator.matrix, self._longest
         compact = sparse.stiffness(schur.mesh, schur.weight(tau, depth), self._hats)
         smooth = self._mass + tau**2 * schur.gravity * compact
@@ -308,7 +305,7 @@ class CoarseCorrection:
         del compact, blocks, modes  # the memory use of a run peaks here
         inverse = 1.0 / matrix.diagonal()
         largest = spectral_bound(lambda x: inverse * (matrix @ x), inverse.size)
-        self._coefficients = chebyshev_coefficients(COARSE_STEPS, largest)
+        self._coefficients = chebyshev_coefficients(steps, largest)
         few = (longest.T @ smooth @ longest).toarray()
         independent = longest.shape[0] >= longest.shape[1]  # otherwise the mesh has eight vertices
         exact = np.linalg.inv(few) if independent else np.linalg.pinv(few, 1e-10, hermitian=True)
@@ -329,9 +326,9 @@ class CoarseCorrection:
         wp.copy(self._r.values, self._b.values)
         self._solve_longest(d)
         before, product = d, self._smooth
-        for left, coefficients in zip(range(COARSE_STEPS)[::-1], self._coefficients, strict=True):
+        for number, coefficients in enumerate(self._coefficients, 1):
             product.chebyshev_step(coefficients, per_diagonal, self._r, (d, new), before, found)
-            if left:
+            if number < len(self._coefficients):
                 exchange(new)
             before, d, new, product = found, new, d, self._matrix
         if not add:

@@ -160,7 +160,7 @@ class Case(BaseModel):
 
     @property
     def fingerprint(self) -> str:
-        """Text that is the same for two cases with the same run, measurement and code."""
+        """Text that is the same for two cases with the same name, run, measurement and code."""
         measured = {"name", "run", "method", "against", "part", "courant", "advective", "steps",
                     "symmetries", "seeds", "seconds"}  # fmt: skip
         code = code_fingerprint(*map("studies.cases.{}".format, ("case", "measure", "scenes")))

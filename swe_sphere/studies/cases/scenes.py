@@ -230,7 +230,7 @@ the peak of 5000 m is 960 m below the surface at rest, the island of 7000 m rise
 
 
 def lake_over(bottom: Bottom) -> Scene:
-    """The lake at rest over another bottom."""
+    """The lake at rest over another bottom (exact)."""
     mountain = BOTTOMS[bottom]
     return _starting(
         lambda lon, lat, t: (0.0 * lon, 0.0 * lat, 5960.0 - mountain(lon, lat)),

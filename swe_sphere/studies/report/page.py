@@ -111,7 +111,7 @@ def slug(text: str) -> str:
 
 
 def run_table(runs: pd.DataFrame, short: bool = False) -> pd.DataFrame:
-    """Return the texts of all columns with a value for some run, by title and row.
+    """Return the texts of essential columns and others with a value for some run, by title and row.
 
     short: return only the essential columns.
     """

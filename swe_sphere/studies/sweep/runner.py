@@ -367,7 +367,7 @@ class Evaluator:
             self._keep(spec, record.model_copy(update={"errors": errors}), fields)
 
     def _kept(self, spec: RunSpec) -> History | None:
-        """Return the stored fields of a run at report days: {} if it failed, None if unreadable."""
+        """Return the stored fields of a run at report days: {} if it failed, None if none are."""
         known = self._runner.known(spec)
         if known is None or known.status != "completed":
             return None if known is None else {}
