@@ -97,11 +97,17 @@ def test_a_target_of_the_slow_flow_is_that_of_potential_vorticity():
     assert slow.min() <= 1e-4
 
 
-def test_a_search_for_an_error_that_no_run_has_is_refused():
+def test_a_search_for_an_error_that_no_run_has_is_refused(tmp_path):
     """A total error without a solution; slow errors are computed where a search asks for them."""
     options = TINY | {"dt": "auto", "target_error": 1e-3}
     with pytest.raises(ConfigError, match=r"^target-kind: gravity-bumps has no solution at day"):
         sweep("gravity-bumps", "rk4", target_kind="total", **options)
+    half, file = 0.5 * TINY["days"], tmp_path / "half.nc"
+    Simulation("williamson2", ne=2, np=4).run(days=half, out=tmp_path / "run.nc")
+    regrid_file(tmp_path / "run.nc", "latlon:9x16", file)
+    with pytest.raises(ConfigError, match=r"^target-kind: williamson2 has no solution at day"):
+        sweep("williamson2", "rk4", target_kind="total", reference=[file],
+              report_days=[half, TINY["days"]], **options)  # fmt: skip
     found = sweep("williamson2", "rk4", target_kind="slow", **options)
     assert np.isfinite(found.error.sel(kind="slow", field="vorticity", norm="l2")).any()
 

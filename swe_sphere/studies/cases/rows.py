@@ -99,7 +99,7 @@ class Row:
         if status != "completed" and not stopped:
             return "failed", [f"{status}: {reason}"]
         if not stopped and expect == "refuse":
-            return "failed", ["it should have been refused, but ran to its end"]
+            return "failed", ["it should have been refused or stopped, but ran to its end"]
         reasons = [str(x) for x in self.checks if (x.always or not stopped) and not x.holds]
         if reasons or (stopped and expect == "pass"):
             return ("broke" if expect == "break" else "failed"), [*reasons, reason]

@@ -139,7 +139,7 @@ class Sweep:
     ) -> None:  # fmt: skip
         self._plan, self._folder, self._watcher = plan, folder, watcher
         self._study = study = Study(plan, own)
-        solved = study.scene.exact is not None or study.days in study.files
+        solved = study.days in study.files if study.files else study.scene.exact is not None
         if plan.target_kind == "total" and not solved:
             raise ConfigError(
                 f"target-kind: {study.scene.name} has no solution at day {study.days:g}, and thus"
