@@ -12,7 +12,7 @@ from exponential_runs import exponential, exponential_steps
 from implicit_newton import forcing, newton
 from implicit_runs import drift, race
 from implicit_solver import counts, long_steps, price, steady
-from implicit_step import smoothing, step
+from implicit_step import coarse, smoothing, step
 from sections import command
 
 SECTIONS = {
@@ -20,6 +20,7 @@ SECTIONS = {
     "price": price,
     "step": step,
     "smoothing": smoothing,
+    "coarse": coarse,
     "newton": newton,
     "forcing": forcing,
     "race": race,

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from implicit_common import DAYS
@@ -31,6 +32,16 @@ CASES = (
     (4, 16, "bdf2", 3600.0, 4.0), (4, 16, "bdf2", 7200.0, 4.0),
 )  # fmt: skip
 """ne, np, stepper, step [s] and days of the runs that compare them."""
+
+
+COARSE = (6, 8, 12)
+"""Numbers of Chebyshev steps on the coarse functions that are compared."""
+COARSE_CASES = (
+    (16, "bdf2", 7200.0, 15.0), (16, "tr-bdf2", 14400.0, 15.0), (16, "bdf2", 14400.0, 10.0),
+    (30, "bdf2", 3600.0, 8.0), (30, "bdf2", 7200.0, 4.0), (30, "tr-bdf2", 14400.0, 4.0),
+    (60, "bdf2", 3600.0, 3.0), (60, "bdf2", 7200.0, 4.0),
+)  # fmt: skip
+"""ne, stepper, step [s] and days of the runs that compare them, np 4."""
 
 
 class Clocks:
@@ -141,13 +152,39 @@ def smoothing() -> Section:
     )  # fmt: skip
 
 
+def coarse() -> Section:
+    """Measure iterations and time by the number of Chebyshev steps on coarse functions."""
+    rows = []
+    for ne, stepper, dt, days in COARSE_CASES:
+        mesh = Mesh.build(ne, 4)
+        with threadpool_limits(1, user_api="blas"):
+            runs = [_smoothed(mesh, stepper, dt, days, COARSE_STEPS=(n, n)) for n in COARSE]
+        rows.append(
+            [f"ne{ne} np4", stepper, f"{dt:.0f}", f"{days:g}", f"{runs[0][2]:.1f}",
+             *(f"{run[3]:.1f} ({1e3 * run[0]:.3g})" for run in runs)]
+        )  # fmt: skip
+        print(*rows[-1], sep=" | ", flush=True)  # noqa: T201 - a run takes a while
+    kept = multilevel.COARSE_STEPS
+    return Section(
+        "Chebyshev steps on the coarse functions",
+        "williamson5, one core: Krylov iterations a step and, in brackets, CPU time of a step "
+        "[ms] of one run. The Courant number is the root of the largest diagonal entry of S, for "
+        f"the implicit time τ. There are {kept[0]} steps up to a Courant number of "
+        f"{multilevel.COURANT_A_CYCLE:g}, and {kept[1]} above.",
+        ["mesh", "stepper", "Δt [s]", "days", "Courant number", *(f"{n} steps" for n in COARSE)],
+        rows,
+    )
+
+
 def _smoothed(
-    mesh: Mesh, stepper: str, dt: float, days: float, fixed: int | None
+    mesh: Mesh, stepper: str, dt: float, days: float, fixed: int | None = None, **constants: Any
 ) -> tuple[float, int, float, float]:
     """Return CPU time a step, Chebyshev steps, Courant number, and iterations a step."""
     steps = round(days * DAY / dt)
     sim = Simulation("williamson5", mesh=mesh, stepper=stepper)
-    with _fixed_steps(fixed):
+    if fixed is not None:
+        constants |= {"LEAST_STEPS": fixed, "MOST_STEPS": fixed}
+    with patch.multiple(multilevel, **constants) if constants else nullcontext():
         sim.begin(RunPlan(dt, steps, steps, dt))
         sim.stepper.take(1)
         began = time.process_time()
@@ -157,16 +194,4 @@ def _smoothed(
     inner = sim.stepper.solver.problem.precondition
     courant = float(np.sqrt(inner.operator.diagonal.max()))
     iterations = sim.stepper.counters["krylov_iterations"] / steps
-    return seconds, len(inner._multilevel._steps), courant, iterations
-
-
-@contextmanager
-def _fixed_steps(number: int | None) -> Iterator[None]:
-    """Let the preconditioner take that number of Chebyshev steps."""
-    kept = multilevel.LEAST_STEPS, multilevel.MOST_STEPS
-    if number is not None:
-        multilevel.LEAST_STEPS = multilevel.MOST_STEPS = number
-    try:
-        yield
-    finally:
-        multilevel.LEAST_STEPS, multilevel.MOST_STEPS = kept
+    return seconds, len(inner._multilevel._last), courant, iterations

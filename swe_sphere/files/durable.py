@@ -196,7 +196,7 @@ def _locked(place: Path, flags: int, path: Path) -> int:
 
 
 def take_place(part: Path, path: Path) -> None:
-    """Write a file with a temporary name through to the disk, and move it to the path.
+    """Sync a file with a temporary name (of a folder, its list alone), and move it to the path.
 
     A folder cannot replace another one at once: the old one has another name in between.
     """

@@ -29,7 +29,7 @@ ARRAY = "array:"
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The arrays of a stepper, its number of steps, and the attributes of its run."""
+    """The arrays of a restart, the number of steps of its run, and the attributes of the run."""
 
     state_dict: dict[str, NDArray[np.generic]]
     steps: int

@@ -146,7 +146,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
     def checkpoint(self, state_dict: Mapping[str, np.ndarray], steps: int) -> None:
         """Replace the checkpoint by one from which the run can be resumed bit for bit.
 
-        state_dict: the stepper's arrays; steps: its number of steps.
+        state_dict: `Simulation.restart_arrays`; steps: those of the run.
         """
         checkpoint = Checkpoint({**state_dict}, steps, self._attributes)
         with self._writing():

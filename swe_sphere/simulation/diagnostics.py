@@ -266,7 +266,7 @@ def diagnostic(
     """Register a function `f(sim)` that returns a number, a field (N,) on the nodes, or a profile.
 
     A number appears in the series of files, in summaries and in sweeps; a field in every frame, and
-    so does a profile, an `xarray.DataArray` with one dimension, which files call NAME_DIMENSION.
+    so does a profile, an `xarray.DataArray` with one dimension, in files NAME(NAME_DIMENSION).
     A function replaces the earlier one of its name, unless they are in two different files. Those
     in the file of a scene are computed in all later runs of the process.
 

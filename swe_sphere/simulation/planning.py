@@ -110,7 +110,7 @@ class RunPlan:
         return self.steps - self.tail_steps
 
     def time(self, step: int) -> float:
-        """Return the time [s] after that many steps, none before a resume, to the microsecond."""
+        """Return the time [s] (to 1e-6) after that many steps; wrong for those before a resume."""
         if step < self.lead_steps:
             return round(self.origin - (self.lead_steps - step) * self.lead_dt, 6)
         ahead = max(0, min(step, self.steps) - self.tail_begin)

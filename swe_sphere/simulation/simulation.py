@@ -230,7 +230,7 @@ class Simulation(errors.NotCopyable):
     def from_checkpoint(
         cls, path: str | Path, scene: Any = None, **settings: Unpack[Keywords]
     ) -> Self:
-        """Resume from a checkpoint, or from the last frame of the file of a run, bit for bit.
+        """Resume from a checkpoint, or from the one beside the file of a run, bit for bit.
 
         scene: needed if it was given as an object.  settings: as of `Simulation`; stepper, mesh and
         effects are those of the earlier run. trust: a list of the files that the checkpoint may
@@ -358,7 +358,7 @@ class Simulation(errors.NotCopyable):
     def accept_changes(self, before: Array | None = None) -> None:
         """Accept changes of the stepper's state: a stepper with more memory starts again from it.
 
-        Needed between calls of `step`, not of `run`. before: state (n,) that may have changed.
+        Needed before or after a `step`, not between runs. before: state (n,) that may have changed.
         """
         stepper, now = self.stepper, self.time
         self.release()  # its fields may be those before a change
@@ -374,7 +374,7 @@ class Simulation(errors.NotCopyable):
 
     @property
     def _earlier_steps(self) -> int:
-        """Number of steps that were taken before the stepper was built."""
+        """Number of steps before the stepper was built or last started."""
         return self._lengths[-1][0]
 
     @property
