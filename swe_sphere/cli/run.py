@@ -44,7 +44,7 @@ ENDING = {
     signal.SIGINT: signal.SIGINT, signal.SIGTERM: signal.SIGTERM, signal.SIGHUP: signal.SIGTERM,
     signal.SIGUSR1: signal.SIGTERM,
 }  # fmt: skip
-"""Signals that end a run, and the signals that mpiexec sends to its ranks instead."""
+"""Signals that end a run, and those that mpiexec gets instead, for its ranks."""
 PROCESS = 100 * 2**20
 """Memory [bytes] of a rank that others do not share, with the smallest mesh."""
 

@@ -49,7 +49,7 @@ class Look(
     centre: Annotated[Pair, BeforeValidator(_numbers(1, 2))] = (0.0, 0.0)
     """Longitude of the middle [degrees] unless a region sets it, and latitude for orthographic."""
     region: Annotated[Four, BeforeValidator(_numbers(4))] | None = None
-    """Region on the map: west, east, south, north [degrees]; of a polar map, its edge."""
+    """West, east, south, north [degrees]; a polar map uses south or north, its edge."""
     limits: Annotated[Pair, BeforeValidator(_numbers(2))] | None = None
     """Ends of the colour scale."""
     levels: Annotated[int, Field(ge=1, le=100)] | None = None

@@ -169,7 +169,7 @@ class RunConfig(SharedConfig):
     preconditioner: str | None = None
     """Preconditioner of an implicit stepper, by name, or a .py file with one."""
     tolerance: Annotated[Number, Field(ge=0.0, lt=1.0)] | None = None
-    """Solver tolerance of implicit and exponential steppers, relative to a step's change."""
+    """Solver tolerance of all but explicit steppers, relative to a step's change."""
     dt: TimeStep = "auto"
     """Time step [s]. auto (the default): a safe fraction of the stability limit; for implicit
     steppers advective Courant number 2 and at most an hour, for exponential ones 0.15 to 0.5 and

@@ -213,7 +213,7 @@ class Table(Case):
         """Yield all cases; after each that needs the remedy, the same case with the remedy."""
         own = self.model_dump(include=set(Case.model_fields) & self.model_fields_set)
         for level in () if self.steppers else self.levels:
-            keys = {key: level[key] for key in level if key in Case.model_fields}
+            keys = {key: level[key] for key in level if key in Case.model_fields and key != "run"}
             run = {key: level[key] for key in level if key not in {*keys, "quick"}}
             yield Case.model_validate(own | keys | {
                 "run": merged(self.run, run), "bounds": merged(self.bounds, keys.get("bounds", {})),

@@ -98,7 +98,7 @@ class SweepPlan(SharedConfig):
     preconditioner: Listed[str] = ()
     """Preconditioners of implicit steppers."""
     tolerance: Annotated[config.Number, Field(ge=0.0, lt=1.0)] | None = None
-    """Solver tolerance of implicit and exponential steppers, relative to a step's change."""
+    """Solver tolerance of all but explicit steppers, relative to a step's change."""
     days: Annotated[config.Days, Field(gt=0.0)] | None = None
     """Length of the runs [days]."""
     report_days: Listed[NumberOrText] = ()
