@@ -24,9 +24,9 @@ def tendency_kernels(t: KernelTypes, finish_of: Any = finish_rates) -> list[Any]
 
     The kernel handles the groups of elements from `begin` on, with x (unknowns*N,). With diffusion
     in the shape "node", the kernel (geometry, x), which fills `geometry.fluxes`, precedes it and
-    runs over the same threads. Unless `t.point` is None, the tendencies at nodes inside the first
-    `block_groups` groups are stored in `direct`, as after DSS. finish_of: function from t and a
-    number of fields to the `Finish` of these nodes.
+    runs over the same threads. With `t.point`, the shape "element" stores tendencies at nodes that
+    no other element has, in the first `block_groups` groups, in `direct`, as after DSS. finish_of:
+    function from t and a number of fields to the `Finish` of these nodes.
     """
     terms, formula, by_node = t.terms, _formula(t.terms), t.shape == "node"
     finish = functools.partial(finish_of, t) if t.point is not None else None

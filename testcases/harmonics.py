@@ -196,8 +196,8 @@ class BalancedFlow:
             vorticity = -n * (n + 1) * self.streamfunction / self.planet.radius**2
             absolute_vorticity = absolute_vorticity + synthesis(vorticity, lon, lat)[0]
         # ∇ψ is (v, -u)
-        flux = grid.against_gradients(absolute_vorticity * v, -absolute_vorticity * u)
-        geopotential = inverse_laplacian(-flux) * self.planet.radius
+        inflow = grid.against_gradients(absolute_vorticity * v, -absolute_vorticity * u)
+        geopotential = inverse_laplacian(-inflow) * self.planet.radius
         if not self.linear:
             geopotential -= grid.coefficients(0.5 * (u**2 + v**2))
         found = geopotential / self.planet.gravity

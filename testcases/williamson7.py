@@ -129,8 +129,8 @@ def _filtered(state: State, latitudes: int, degree: int, balanced: bool) -> Stat
 
     def potential(east: Array, north: Array) -> harmonics.Complex:
         """Return the potential [m2 s-1] whose gradient is nearest to a field [m s-1]."""
-        divergence = grid.against_gradients(east, north)[wanted]
-        return -EARTH.radius * harmonics.inverse_laplacian(divergence)
+        inflow = grid.against_gradients(east, north)[wanted]
+        return -EARTH.radius * harmonics.inverse_laplacian(inflow)
 
     streamfunction, height = potential(v, -u), grid.coefficients(z)[wanted]
     if balanced:

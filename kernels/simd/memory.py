@@ -62,7 +62,7 @@ def address(x: wp.array3d(dtype=value), i: int) -> wp.uint64:
 def _load_nodes(register: Register, given: Any) -> Any:
     """Return the device function (x, offset, node) that loads numbers of x at nodes.
 
-    x contains numbers of the type `given`. The branch chooses between whole registers.
+    x contains numbers of the type `given`. Consecutive ones are loaded at once.
     """
     each = ", ".join(f"at[node.c[{lane}]]" for lane in range(register.lanes))
     whole = source("load_nodes", given=given.__name__, lanes=register.lanes, each=each)

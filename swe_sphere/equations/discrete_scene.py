@@ -173,7 +173,7 @@ class PrescribedFields:
         self.steady = steady or target is None
         """True if the fields are the same at all times."""
         self._time: float | None = None
-        self.mean_of_depth = 0.0
+        self.mean_source = 0.0
         """Mean over the sphere of the prescribed rate of the depth [m s-1]."""
 
     def set_time(self, t: float) -> None:
@@ -184,7 +184,7 @@ class PrescribedFields:
             mesh = self._on.mesh
             fields = dict(zip("uvh", self._formula(mesh.lon, mesh.lat, t), strict=False))
             if "h" in fields:
-                self.mean_of_depth = float(np.average(fields["h"], weights=mesh.area))
+                self.mean_source = float(np.average(fields["h"], weights=mesh.area))
             values = np.concatenate([fields[name] for name in self._blocks])
             wp.copy(self._target, self._on.scatter(values))
         self._time = t

@@ -287,4 +287,4 @@ class Model(DiscreteScene):
     def mean_source(self, t: float) -> float:
         """Return the mean prescribed rate of change of depth at time t [m s-1]."""
         self.forcing.set_time(t)
-        return self.forcing.mean_of_depth
+        return self.forcing.mean_source

@@ -66,6 +66,6 @@ class Interpolator:
         element, xi1, xi2 = cubed_sphere.locate(mesh.placement.lift(position(lon, lat)), mesh.ne)
         first, second = lagrange(mesh.gll_points, xi1), lagrange(mesh.gll_points, xi2)
         values = first[:, :, None] * second[:, None, :]
-        starts = np.arange(lon.size + 1) * mesh.np**2
+        starts = np.arange(lon.size + 1, dtype=np.int32) * mesh.np**2
         entries = (values.ravel(), mesh.nodes[element].ravel(), starts)
         return scipy.sparse.csr_array(entries, shape=(lon.size, mesh.size))

@@ -303,7 +303,7 @@ class SchurMatrix:
         squares = column_squares(self.mesh, self.mesh.area * self.weight(tau, depth))
         return 1.0 + tau**2 * self.gravity * squares / self.mesh.area
 
-    def matrix(self, tau: float, depth: Array) -> scipy.sparse.csr_matrix:
+    def matrix(self, tau: float, depth: Array) -> scipy.sparse.csr_array:
         """Return S (N, N)."""
         angle = tau * self.coriolis
         same = scipy.sparse.diags_array(depth / (1.0 + angle**2))
@@ -313,9 +313,9 @@ class SchurMatrix:
         return (scipy.sparse.eye_array(self.mesh.size) - tau**2 * self.gravity * product).tocsr()
 
     def galerkin(
-        self, mass: scipy.sparse.csr_matrix, gradients: scipy.sparse.csr_matrix, tau: float,
+        self, mass: scipy.sparse.csr_array, gradients: scipy.sparse.csr_array, tau: float,
         depth: Array,
-    ) -> scipy.sparse.csr_matrix:  # fmt: skip
+    ) -> scipy.sparse.csr_array:  # fmt: skip
         """Return B^T M S B for a basis B, with the symmetric part of S and the nodal areas M.
 
         Arguments: mass = B^T M B (V, V) [m2], gradients = G B (2N, V) [m-1], tau [s], depth (N,).

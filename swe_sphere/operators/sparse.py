@@ -44,7 +44,7 @@ class ElementSpace:
         )
 
 
-def gradient(mesh: Mesh) -> scipy.sparse.csr_matrix:
+def gradient(mesh: Mesh) -> scipy.sparse.csr_array:
     """Return (2N, N) [m-1]: eastward and northward components of the gradient of a nodal field."""
     b, weight = mesh.basis, mesh.quadrature
     east = _derivatives(mesh, weight * b[..., 1, 1], -weight * b[..., 0, 1])
@@ -52,7 +52,7 @@ def gradient(mesh: Mesh) -> scipy.sparse.csr_matrix:
     return scipy.sparse.vstack([east, north], format="csr")
 
 
-def gradients(mesh: Mesh, space: ElementSpace, real: DTypeLike = float) -> scipy.sparse.csr_matrix:
+def gradients(mesh: Mesh, space: ElementSpace, real: DTypeLike = float) -> scipy.sparse.csr_array:
     """Return (2N, V) [m-1], of the number type `real`: gradients of the functions."""
     rows, (along_1, along_2) = mesh.nodes.reshape(mesh.elements, -1), _lines(mesh) @ space.values
     east, north = np.empty((2, *rows.shape, space.values.shape[1]), real)
@@ -66,7 +66,7 @@ def gradients(mesh: Mesh, space: ElementSpace, real: DTypeLike = float) -> scipy
     return scipy.sparse.vstack([*both], format="csr")
 
 
-def divergence(mesh: Mesh) -> scipy.sparse.csr_matrix:
+def divergence(mesh: Mesh) -> scipy.sparse.csr_array:
     """Return (N, 2N) [m-1]: divergence of a nodal wind; minus the adjoint of `gradient`.
 
     The discrete integration by parts <s, div V> = -<grad s, V> holds in the inner product weighted
@@ -78,7 +78,7 @@ def divergence(mesh: Mesh) -> scipy.sparse.csr_matrix:
 
 def stiffness(
     mesh: Mesh, coefficient: Array, space: ElementSpace | None = None
-) -> scipy.sparse.csr_matrix:
+) -> scipy.sparse.csr_array:
     """Return the integrals (N, N) of coefficient (N,) times grad phi . grad s of nodal functions.
 
     With a `space`, these are those of its functions (none omitted), without the matrix of nodes.
@@ -108,7 +108,7 @@ def _lines(mesh: Mesh) -> Array:
     return np.stack([np.kron(d, eye), np.kron(eye, d)])
 
 
-def _derivatives(mesh: Mesh, along_1: Array, along_2: Array) -> scipy.sparse.csr_matrix:
+def _derivatives(mesh: Mesh, along_1: Array, along_2: Array) -> scipy.sparse.csr_array:
     """Return DSS (N, N) of along_1 D1 + along_2 D2, with weighted coefficients (E, np, np)."""
     d, n = mesh.derivative, mesh.np
     shape = (2, mesh.elements, n, n, n)
@@ -123,7 +123,7 @@ def _derivatives(mesh: Mesh, along_1: Array, along_2: Array) -> scipy.sparse.csr
     )
 
 
-def _over_area(mesh: Mesh, matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+def _over_area(mesh: Mesh, matrix: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
     """Return the matrix after dividing its rows by the nodal areas in place."""
     matrix.data *= np.repeat((1.0 / mesh.area).astype(matrix.dtype), np.diff(matrix.indptr))
     return matrix

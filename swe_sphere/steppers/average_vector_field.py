@@ -16,7 +16,7 @@ NEEDED = ("momentum-advection", "pressure-gradient")
 
 
 class PoissonTendency:
-    """Average tendency from one state to another; its product with the energy's change is zero.
+    """Average tendency between two states; its product with the energy's mean gradient is zero.
 
     d(V, h)/dt = (-q k x F - grad B, -div F), with F and B the averages of hV and |V|²/2 + g(h + b)
     between the states and the potential vorticity q = (curl V + f)/h half way (Wimmer, Cotter &
@@ -66,7 +66,7 @@ class AverageProblem(StageProblem):
     """x - dt G(start, x) = start, with G the average of the right-hand side between two states.
 
     dt is twice `tau`, and `rhs` is the start. The Jacobian is approximated by I - dt/2 J(mean),
-    which differs by terms of second order in the step's change: Newton then converges linearly by a
+    which differs by terms of second order in dt: Newton then converges linearly by a
     large factor per iteration and needs no special code.
     """
 

@@ -100,7 +100,7 @@ def _turned(vertices: NDArray[np.integer]) -> NDArray[np.bool_]:
     return turned.reshape(-1, 4)
 
 
-def interpolation(mesh: Mesh, space: ElementSpace) -> scipy.sparse.csr_matrix:
+def interpolation(mesh: Mesh, space: ElementSpace) -> scipy.sparse.csr_array:
     """Return the nodal values (N, V) of the functions.
 
     Both elements at a boundary node give it the same value.
@@ -111,7 +111,7 @@ def interpolation(mesh: Mesh, space: ElementSpace) -> scipy.sparse.csr_matrix:
 
 
 MOST_CONTRIBUTIONS = 2 * CONTRIBUTORS
-"""Largest number of contributions to a function: six at a cube's corner."""
+"""Columns for contributions to a function; six are used at a cube's corner."""
 
 
 class CoarsePart:
