@@ -34,7 +34,7 @@ CASES = (
 """ne, np, stepper, step [s] and days of the runs that compare them."""
 
 
-COARSE = (6, 8, 12)
+COARSE = (6, 8, 10, 12)
 """Numbers of Chebyshev steps on the coarse functions that are compared."""
 COARSE_CASES = (
     (16, "bdf2", 7200.0, 15.0), (16, "tr-bdf2", 14400.0, 15.0), (16, "bdf2", 14400.0, 10.0),

@@ -22,7 +22,7 @@ LONG = 10.0
 pays off, with one more Chebyshev step after the last correction."""
 COURANT_A_CYCLE, MOST_CYCLES = 20.0, 4
 """Each such increase of the gravity-wave Courant number adds a cycle, up to MOST_CYCLES."""
-COARSE_STEPS = 6, 8
+COARSE_STEPS = 6, 10
 """Number of Chebyshev steps on the coarse functions up to COURANT_A_CYCLE, and above.  After some
 days of a run the computational modes limit the convergence: fewer steps need more iterations."""
 COURANT_A_STEP, LEAST_STEPS, MOST_STEPS, VERY_LONG = 2.2, 4, 16, 40.0
