@@ -147,7 +147,7 @@ def _jumps(geo: geometry, w: none, a: vector, x: vector, at: int, e: int, n: int
     r = pair()
     for k in range(2):
         mean = load_nodes(x, k * geo.size, node)
-        r[k] = mul(geo.inverse_jacobian[e, n], geo.jumps[e, n, k]) - mul(weight, mean)
+        r[k] = mul(geo.inverse_jacobian[e, n], geo.values[e, n, k]) - mul(weight, mean)
     return r, r
 
 
@@ -162,7 +162,7 @@ def _weak(geo: geometry, w: none, d1: pair, d2: pair, e: int, n: int):
 
 
 weak_form = Formula(none, no_wind, pair, _jumps, _weak, 2, is_scalar=True)
-"""Weak form of `geometry.jumps` (the result of the kernel of `derivatives`) and the means x (2N,).
+"""Weak form of `geometry.values` (the result of the kernel of `derivatives`) and the means x (2N,).
 
 `geometry.derivative` is the transposed derivative matrix.
 """

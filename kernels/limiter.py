@@ -18,7 +18,7 @@ from swe_sphere.kernels.simd.memory import load, load_nodes, put
 from swe_sphere.kernels.terms import geometry, local, np_
 
 TINY = 1e-30
-"""Smallest room that receives mass: far below any depth, and representable in float32."""
+"""Least divisor in shares of room: far below any room, and representable in float32."""
 
 
 @func

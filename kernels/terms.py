@@ -122,7 +122,7 @@ class KernelTypes:
             "base": terms.linear and on_nodes,
             "inverse_jacobian": (terms.diffuses or terms.jumps) and wp.array2d(dtype=value),
             "strength": terms.jumps and wp.array2d(dtype=value),
-            "jumps": terms.jumps and wp.array3d(dtype=value),
+            "values": terms.jumps and wp.array3d(dtype=value),
             "nu": terms.diffusion and real,
             "nu4": terms.biharmonic and real,
             "laplacian": terms.biharmonic and on_nodes,

@@ -47,7 +47,7 @@ def print_lines(level: int = logging.INFO) -> Iterator[None]:
 
 @contextmanager
 def append_lines(path: Path | None) -> Iterator[None]:
-    """Append lines with time and level to a file, if given; in `print_lines` of all levels.
+    """Append lines with time and level to a file, if given; inside `print_lines` all lines.
 
     Raises ConfigError if the file cannot be written, or exists and is not a log.
     """

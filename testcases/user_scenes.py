@@ -10,7 +10,7 @@ ne = 8                                  # and np, days: recommended values
 days = 5
 
 [parameters]                            # of the base; --set scene.… overrides them
-alpha = 0.5
+speed = 5
 
 [effects]
 viscosity = { nu = 1e5 }                # switched on, or its parameters changed

@@ -93,9 +93,11 @@ def test_editing_a_comment_does_not_discard_runs():
 
 
 def test_the_code_of_the_package_is_found():
-    """Kernels and scenes too, which lie beside it."""
-    for name in fingerprints.NUMBERS:
-        assert fingerprints._sources(name)
+    """Kernels and scenes too, which lie beside it in a source tree, and nothing else there."""
+    for name in ("", *fingerprints.NUMBERS):
+        found = fingerprints._sources(name)
+        assert found
+        assert not {"conftest.py", "pyproject.toml"} & {path.name for path in found}
 
 
 def test_files_of_a_scene_are_the_chain_of_its_bases_and_its_data(tmp_path, monkeypatch):

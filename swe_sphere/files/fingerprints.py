@@ -69,9 +69,9 @@ def _sources(name: str) -> list[Path]:
     """
     spec = find_spec(f"swe_sphere.{name}".rstrip("."))
     assert spec is not None
-    if (folders := spec.submodule_search_locations) is None:
+    if spec.submodule_search_locations is None:
         return [Path(str(spec.origin))]
-    found = (path for at in folders for path in Path(at).glob("**/*" if name else "*"))
+    found = Path(spec.submodule_search_locations[0]).glob("**/*" if name else "*")
     kinds = ".py", ".cpp", ".toml"
     return sorted(p for p in found if p.suffix in kinds and p.parent.name != "recipes")
 

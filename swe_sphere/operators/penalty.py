@@ -35,11 +35,11 @@ class EdgePenaltyOperator:
         self._mean_scale = mesh.scatter(
             np.divide(1.0, weight * mesh.mesh.area, where=weight > 0.0, out=np.zeros_like(weight))
         )
-        self._jumps, self._weak = mesh.local(2, types.value), mesh.local(2, types.value)
+        self._values, self._weak = mesh.local(2, types.value), mesh.local(2, types.value)
         self._means = wp.zeros(2 * mesh.size, dtype=mesh.real, device=mesh.device)
         given = {
             "strength": mesh.on_elements(gamma[mesh.part.element_numbers]),
-            "jumps": self._jumps.values,
+            "values": self._values.values,
             "point": types.point and types.point.structure.find(types)(), "stage": mesh.stage,
         }  # fmt: skip
         self._geometry = mesh.geometry(types.geometry, given)
@@ -57,14 +57,14 @@ class EdgePenaltyOperator:
         All three may be the same array.
         """
         mesh, means = self._mesh, self._means
-        threads, jumps, weak = mesh.threads(1), self._jumps, self._weak
+        threads, values, weak = mesh.threads(1), self._values, self._weak
         layout = mesh.lanes, mesh.size, 2, 0
         stage = mesh.stage_at(start, factor)
         geometry = self._geometry_of(stage)
-        inputs = self._geometry, x, x, 0, 1, jumps.values, x
-        mesh.over_elements(jumps, self._derivatives, threads, *inputs)
+        inputs = self._geometry, x, x, 0, 1, values.values, x
+        mesh.over_elements(values, self._derivatives, threads, *inputs)
         places = mesh.places(2)
-        self._sum_means(places, self._mean_scale, *layout, jumps.flat, mesh.stage, means)
+        self._sum_means(places, self._mean_scale, *layout, values.flat, mesh.stage, means)
         inputs = geometry, means, means, 0, 1, weak.values, out
         mesh.over_elements(weak, self._weak_form, threads, *inputs)
         self._sum(places, mesh.inverse_area, *layout, weak.flat, stage, out)

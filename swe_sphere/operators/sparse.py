@@ -81,7 +81,7 @@ def stiffness(
 ) -> scipy.sparse.csr_array:
     """Return the integrals (N, N) of coefficient (N,) times grad phi . grad s of nodal functions.
 
-    With a `space`, these are those of its functions (none omitted), without the matrix of nodes.
+    With a `space`, whose `numbers` have no -1: the integrals (V, V) of its functions.
     """
     lines = _lines(mesh)
     numbers = mesh.nodes.reshape(mesh.elements, -1)

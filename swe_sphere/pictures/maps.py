@@ -114,7 +114,7 @@ def place(axes: GeoAxes, lon: Array, lat: Array) -> Array:
 
 
 def draw_graticule(axes: GeoAxes, grid: MapGrid) -> None:
-    """Draw parallels and labelled meridians; the orthographic globe has no labels."""
+    """Draw labelled parallels and meridians; the orthographic globe has no labels."""
     style, projection = {"size": 7.5, "alpha": 0.7}, axes.projection
     labels: Any = not isinstance(projection, crs.Orthographic)
     if labels and not isinstance(projection, crs.Stereographic):

@@ -44,7 +44,7 @@ class Messages:
     """Repeated messages between the same arrays: persistent requests of MPI."""
 
     def __init__(self, ranks: "Communicator", outgoing: Arrays, incoming: Arrays) -> None:
-        """Prepare one message for each array; a single process has none."""
+        """Prepare one message for each array; only for ranks under MPI."""
         from mpi4py.MPI import Prequest
 
         requests = [ranks.comm.Recv_init(array, rank) for rank, array in incoming.items()]

@@ -92,7 +92,7 @@ class RunPlan:
     rule: str = "as given"
     """How the step was chosen, in words."""
     cycle: int = 1
-    """Steps taken together with one of the tracers; divides other counts, those since a resume."""
+    """Steps taken together with one of the tracers; divides numbers of steps since a resume."""
     lead_steps: int = 0
     """Number of steps before the first step of `dt`."""
     origin: float = 0.0
@@ -315,7 +315,7 @@ def automatic_step(sim: Any, days: float) -> tuple[float, str]:
 
     It is a safe fraction of the stability limit. Without a limit, the fastest initial or prescribed
     wind has the advective Courant number of the stepper on the finest spacing of the mesh, in a
-    step that is at most the longest one of the stepper. days: length of the run, which no step
+    step that is at most the longest one of the stepper. days: rest of the run, which no step
     exceeds. Raises ConfigError if the stability limit is not a positive number.
     """
     kind, limit = sim.stepper_class, sim.stable_dt()

@@ -203,7 +203,7 @@ class Simulation(errors.NotCopyable):
     def reset(self) -> None:
         """Return to the initial state, or to the state of the checkpoint that was resumed."""
         earlier, self.config = self._restart, self._configured
-        self._continues = self.config.restart  # the file of frames that a run may continue
+        self._continues = self.config.restart  # the file, or checkpoint, that a run may continue
         self.run_id = "" if earlier is None else str(earlier.attributes.get("run_id", ""))
         """Identifier of the file of frames that was written last, or that a restart resumes."""
         self.outcome = Summary("not begun")
@@ -415,7 +415,7 @@ class Simulation(errors.NotCopyable):
         self.take(1)
 
     def take(self, most: int) -> None:
-        """Take a step, or several that are faster together or of one tracer step, up to `most`."""
+        """Take a step, those of one tracer step, or up to `most` that are faster together."""
         try:
             self.stepper.take(most)
         except (SolverFailed, *BREAKDOWNS) as error:
@@ -437,7 +437,7 @@ class Simulation(errors.NotCopyable):
 
         observers: see states when due; those with `sees_end` also the last one. time_limit: wall
         time [s] since a time of time.monotonic; if since is None, that of steps without compiling.
-        interruption: records the signals of several simulations; it may raise Interrupted.
+        interruption: that of several simulations, entered; a signal raises Interrupted.
         """
         self.outcome, noted = Summary("running"), interruption or Interruption()
         with ExitStack() as stack:  # each observer ends if it has begun

@@ -47,10 +47,10 @@ class AdaptiveSteps(Trajectory):
     """Steps of an implicit scheme that follow their error; `dt` is the outer step, met exactly.
 
     The error is the difference from the embedded method in the energy norm [m s-1], over the norm
-    of the state: the ratio is independent of units and planet. The tolerance of the solver is
-    `SOLVER` times `tolerance`, or that of the scheme if it is stricter. A step that is not accurate
-    enough, or whose solve fails, is repeated with a shorter length and recorded in `cuts`; no step
-    is longer than the outer one. Raises ConfigError for a scheme that has no error estimate.
+    of the state: the ratio is independent of units and planet. Solver errors are at most
+    `SOLVER` times `tolerance`, or as the scheme has them if that is stricter. A step that is not
+    accurate enough, or whose solve fails, is repeated with a shorter length and recorded in `cuts`;
+    no step is longer than the outer one. Raises ConfigError for a scheme that has no error estimate.
     """
 
     can_give_up = True

@@ -117,7 +117,7 @@ class TRBDF2(DiagonallyImplicit):
         """Return the norm [m s-1] of e, (I - gamma dt J) e = difference from the embedded method.
 
         The difference itself grows without bound for waves far faster than the step, which the
-        scheme damps (Hosea & Shampine 1996); it is used only if it is the smaller of the two.
+        scheme damps (Hosea & Shampine 1996); it is used if it is smaller, or if the solve fails.
         """
         difference = super().error_estimate()
         damped = self.space.zeros()

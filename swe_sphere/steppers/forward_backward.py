@@ -37,8 +37,8 @@ class Passes:
     The equations are evaluated at combinations of time levels, which each pass stores for later
     passes: `mass_mix` holds the masses; `wind_mix` holds the wind that carries them and enters its
     own equation, and the depth whose gradient accelerates it. Both have the size of a state; in
-    linearised dynamics they are differences from the base. A prescribed wind is not stepped. If the
-    model accumulates a mass flux, it is the flux that steps the depth.
+    linearised dynamics they are differences from the base. A prescribed wind is not stepped. An
+    accumulated mass flux gains the flux that steps the depth.
     """
 
     def __init__(self, model: Model) -> None:
@@ -176,8 +176,8 @@ STRONG = 0.139
 class DepthThenWind(FlowLimitStepper):
     """A stepper whose evaluations are one pass for the depth and then one for the wind.
 
-    Drag and relaxation are evaluated at the start of a step. After other changes of the state
-    between steps (`_altered`) the combinations of levels are computed again.
+    Drag and relaxation are evaluated at the start of a step. If diffusion or a limiter changes
+    states (`_altered`), the combinations of levels are computed again.
     """
 
     holds_damping = True

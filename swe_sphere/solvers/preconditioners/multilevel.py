@@ -12,7 +12,7 @@ from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients,
 from swe_sphere.solvers.preconditioners.coarse import CoarseCorrection
 
 DEGREES = {3: 3, 4: 2}
-"""Number of Chebyshev steps by np.  At np 3 the smooth functions and the computational modes both
+"""Number of Chebyshev steps by np, else 4. At np 3 the smooth functions and the computational modes both
 contain the wave with nodal values 1, 0, -1, 0: their corrections, added up, overshoot it, and two
 steps do not reduce it, so that the cycle is singular from some mesh size on."""
 FIRST_STEPS = 2
@@ -63,7 +63,7 @@ class Multilevel:
             last = min(max(round(courant / COURANT_A_STEP), LEAST_STEPS), MOST_STEPS)
             between, self._cycles = last // 2, 1 + (courant > VERY_LONG)
         else:
-            steps = DEGREES.get(np_, LEAST_STEPS)
+            steps = DEGREES.get(np_, 4)
             cycles = min(1 + int(courant / COURANT_A_CYCLE), MOST_CYCLES)
             last, between = steps + is_long, steps - (cycles == 1)
             self._cycles = max(cycles, 1 + is_long)

@@ -186,7 +186,7 @@ class Curves(NamedTuple):
 
 
 def draw_limits(axes: Axes, runs: pd.DataFrame, family: str = "") -> None:
-    """Draw a row for each stepper: completed runs, crosses for failed ones, its estimated limit."""
+    """Draw a row for each stepper: completed runs, crosses for breakdowns, its estimated limit."""
     known = [(name, *of) for name, of in looks(runs["stepper"]).items() if family in ("", of[0])]
     for row, (name, _, look) in enumerate(known):
         own = runs[(runs["stepper"] == name) & (runs["dt"] > 0.0)]
@@ -198,7 +198,7 @@ def draw_limits(axes: Axes, runs: pd.DataFrame, family: str = "") -> None:
     _mark_limits(axes, runs)
     axes.set_ylim(len(known) - 0.5, -0.5)
     axes.set_yticks(range(len(known)), [name for name, *_ in known])
-    axes.set(xscale="log", xlabel="Δt [s]; bar: estimated stability limit; crosses: failed runs")
+    axes.set(xscale="log", xlabel="Δt [s]; bar: estimated stability limit; crosses: breakdowns")
     axes.xaxis.set_major_formatter("{x:g}")
 
 

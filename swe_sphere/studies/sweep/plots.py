@@ -38,11 +38,11 @@ class SweepFigures:
     def plot_step_size(
         self, ax: Axes | None = None, width: float = 84.0, kind: str | None = None
     ) -> Axes:
-        """Draw the error against the step, with stability limits and the runs that failed."""
+        """Draw the error against the step, with limits of leapfrog and wind, and breakdowns."""
         return self._drawn("dt", ax, width, kind)
 
     def plot_limits(self, ax: Axes | None = None, width: float = 84.0) -> Axes:
-        """Draw the steps of each stepper: markers for completed runs, crosses for failed ones."""
+        """Draw the steps of each stepper: markers for completed runs, crosses for breakdowns."""
         return self._drawn("", ax, width, None)
 
     def _drawn(self, x: str, ax: Axes | None, width: float, kind: str | None) -> Axes:

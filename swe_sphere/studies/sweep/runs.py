@@ -299,7 +299,7 @@ class Study:
     def plan_steps(self, dt: float, automatic: bool = False) -> planning.RunPlan:
         """Return steps of at most dt [s] that meet all report times; ConfigError if no step does.
 
-        automatic: True for an automatic dt, which may be shortened as much as they require.
+        automatic: True for an automatic dt, which may be shortened to a twentieth.
         """
         every = self._every / 3600
         return planning.time_plan(self.days, every, dt, cycle=self.cycle, automatic=automatic)

@@ -118,7 +118,7 @@ class SweepPlan(SharedConfig):
     target_kind: Literal["auto", "time", "total", "slow"] = "auto"
     """Kind of error; auto: total where it is known, otherwise time."""
     target_field: Literal["h", "v", "vorticity"] = "h"
-    """Field of the error."""
+    """Field of the error; v: the wind."""
     target_norm: Literal["l1", "l2", "linf"] = "l2"
     """Norm of the error."""
     reference: Listed[config.FileName] = ()
