@@ -50,7 +50,7 @@ class AdaptiveSteps(Trajectory):
     of the state: the ratio is independent of units and planet. Solver errors are at most
     `SOLVER` times `tolerance`, or as the scheme has them if that is stricter. A step that is not
     accurate enough, or whose solve fails, is repeated with a shorter length and recorded in `cuts`;
-    no step is longer than the outer one. Raises ConfigError for a scheme that has no error estimate.
+    no step is longer than the outer one. Raises ConfigError for a scheme without error estimate.
     """
 
     can_give_up = True
