@@ -626,6 +626,15 @@ def test_the_edge_penalty_acts_however_often_a_callback_changes_the_state(steppe
     assert np.abs(effect([change]) - expected).max() < 0.1 * np.abs(expected).max()
 
 
+def test_the_summary_of_a_run_in_progress_is_that_of_a_run_in_progress():
+    lines = []
+    sim = Simulation("williamson2", ne=2, np=4, dt=3600.0)
+    sim.run(
+        days=0.25, callbacks=[every(hours=3)(lambda sim: lines.append(dict(sim.summary.rows())))]
+    )
+    assert lines[0]["result"] == "running at day 0.125 after 3 steps"
+
+
 def test_a_callback_leaves_the_steps_that_were_taken_back_in_the_summary():
     @every(hours=6)
     def change(sim):

@@ -61,7 +61,7 @@ def check_free(path: Path, overwrite: bool) -> None:
 
 
 def check_place(path: Path, what: str = "") -> None:
-    """Raise ConfigError, which begins with `what`, for a place in a store or a foreign folder."""
+    """Raise ConfigError, which begins with `what`, for a foreign folder or a place in a store."""
     for folder in filter(is_store, path.absolute().parents):
         raise ConfigError(f"{what}{folder} is a Zarr store: choose a place outside of it")
     if not path.is_dir():

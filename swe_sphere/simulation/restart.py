@@ -310,8 +310,8 @@ def run_sources(
 
     Names of files on which a TOML scene builds (`base`) are relative to its own, so that the folder
     may be moved.  Files of data are those whose names are parameters of the scene; other files that
-    a Python scene reads are not tracked.  The result is empty for a scene of the package without
-    data.  Raises ConfigError if a file has disappeared since it was loaded.
+    a Python scene reads are not tracked.  A scene of the package without data adds no file.
+    Raises ConfigError if a file has disappeared since it was loaded.
     """
     try:
         files = scene_files(name)
