@@ -97,8 +97,8 @@ def spread(files: Sequence[Path], field: str = "vorticity") -> pd.DataFrame:
     of the members, in the units of the field; and `growth`, Δ ln spread / Δt since the frame before
     [day-1], NaN for the first frame and where the spread is zero.
 
-    Raises ConfigError if the files differ in mesh, have fewer than two times in common, lack the
-    field or are equal in it.
+    Raises ConfigError if the files differ in mesh, have fewer than two times in common (or one, if
+    the first file has one), lack the field or are equal in it.
     """
     runs = [RunFile(path) for path in files]
     field = check_field(field, runs[0].about)

@@ -33,7 +33,7 @@ UNEXPECTED = (ArithmeticError, AssertionError, AttributeError, LookupError, Memo
 
 
 def attempt(work: Callable[[], Summary]) -> Summary:
-    """Return the result of `work`; an error in it becomes an outcome too, except Interrupted."""
+    """Return the result of `work`; a SweError or one of `UNEXPECTED` becomes an outcome too."""
     try:
         with np.errstate(all="ignore"):
             return work()

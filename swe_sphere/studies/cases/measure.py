@@ -190,7 +190,7 @@ class Series(Observer):
 
         Drifts are the largest of either sign over the run; max_wind [m s-1] is the largest,
         min_depth [m] the least; wind_growth is max_wind over that of the start, froude the largest
-        max_wind over the speed of gravity waves, energy_gain the largest rise of energy. Values of
+        max_wind over max_wave, energy_gain the largest rise of energy. Values of
         `ERRORS_AT_END` are those at the end. symmetry_day is the first day on which off_wave
         exceeds 0.01, infinite if there is none. For growth_v and growth_h see `_growth`. For
         tracers there are extremes of mixing ratios, and the largest drift of a mass.

@@ -112,7 +112,7 @@ class Row:
 
     @property
     def reason(self) -> str:
-        """Reason of the outcome; empty for a run within its bounds."""
+        """Reason of the outcome; empty for a run that passed."""
         return "; ".join(filter(None, self._verdict[1]))
 
     @property

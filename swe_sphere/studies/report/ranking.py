@@ -40,7 +40,7 @@ ANSWERED = {"slow": ("vorticity", "h", "v"), "total": ("h", "v", "vorticity"),
 """Kinds of error in the order of preference, each with the fields that steppers are ranked by: the
 first available one. Depth does not rank if the initial state sheds waves, which long steps damp."""
 BEST, TIE = "★ ", "≈ "
-"""Marks of the cheapest run for a target, and of runs that cannot be distinguished from it."""
+"""Marks of the run that alone is the cheapest for a target, and of all runs of a tie."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Metric:
 
     @property
     def name(self) -> str:
-        """Part of the names of files and columns."""
+        """Part of the names of files."""
         return f"{self.kind}_{self.norm}_{self.field}_day{self.day:g}"
 
 
