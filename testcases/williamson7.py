@@ -6,8 +6,8 @@ scene reads any analysis. Without a file it builds a state whose title begins wi
 The netCDF file of an analysis must contain
 
 * one-dimensional variables `lat` or `latitude` and `lon` or `longitude` [degrees] of at least 8
-  values: latitudes in order, up to 1.5 grid spacings from the poles; an even number of longitudes,
-  equally spaced eastward, once around without repeating the first;
+  values: latitudes in order, to within 1.5 grid spacings of the poles; an even number of
+  longitudes, equally spaced eastward, once around without repeating the first;
 * eastward wind `u`, northward wind `v`, with units of m s-1, and `z`, geopotential height with
   units of m or geopotential with units of m2 s-2, under the names of ERA5, of NCEP (`uwnd`, `vwnd`,
   `hgt`) or of CMIP (`ua`, `va`, `zg`).

@@ -153,7 +153,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
             write_checkpoint(checkpoint_path(self.path), checkpoint)
 
     def finish(self, summary: Mapping[str, object]) -> None:
-        """Write how the run ended, a JSON object in the attribute `summary`, to the file in place.
+        """Write how the run ended, in JSON in the attribute `summary`; put the file in place.
 
         Entries that do not fit are omitted, from the end of the summary.
         """

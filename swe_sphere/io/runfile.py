@@ -155,7 +155,7 @@ def read_values(path: Path, name: str, variable: "xr.Variable") -> Array:
 
 
 def table_in(text: str) -> dict[str, Any]:
-    """Return a table in JSON; an empty one if a program was killed while it wrote the table."""
+    """Return a table in JSON; an empty one for other text, as a killed program may leave."""
     try:
         return dict(json.loads(text))
     except (ValueError, TypeError, RecursionError):

@@ -358,7 +358,7 @@ class Simulation(errors.NotCopyable):
     def accept_changes(self, before: Array | None = None) -> None:
         """Accept changes of the stepper's state: a stepper with more memory starts again from it.
 
-        Needed before or after a `step`, not between runs. before: state (n,) that may have changed.
+        Needed before or after a `step`, not between runs. before: state (n,) before any change.
         """
         stepper, now = self.stepper, self.time
         self.release()  # its fields may be those before a change

@@ -29,7 +29,7 @@ class Summary(Mapping[str, Any]):
     """completed, not begun, running, refused (before the first step), unstable, solver-failed (or
     another numerical error), timed-out, interrupted, or failed (the disk, a custom function)."""
     reason: str | None = None
-    """Why the run stopped early, in words; None if it did not."""
+    """Why the run stopped early or its plot failed, in words; else None."""
     exit_status: int = 0
     numbers: dict[str, Any] = field(default_factory=dict)
     """Values by the names of the JSON line."""

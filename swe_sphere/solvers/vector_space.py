@@ -2,7 +2,7 @@
 
 The weights make the solvers independent of units: with the weights of the energy, a tolerance has
 the same meaning on every planet. Vectors are Warp arrays (n,), stacks of them Warp arrays (m, n).
-All sums run in float64, for any type of the vectors, in the same order on any number of ranks.
+All sums run in float64, in the same order on any number of ranks under MPI.
 """
 
 import ctypes

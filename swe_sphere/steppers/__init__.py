@@ -27,7 +27,7 @@ def list_steppers() -> dict[str, str]:
     Examples:
         >>> import swe_sphere
         >>> swe_sphere.list_steppers()["rk4"]
-        'Classical Runge-Kutta: four stages, fourth order; stable to 2.83 times the leapfrog limit.'
+        'Classical Runge-Kutta: four stages, fourth order; stable up to ω Δt = 2.83 for waves.'
     """
     named = {name: first_line(cls) for name, cls in STEPPERS.items()}
     aliases = STEPPERS.aliases.items()

@@ -15,7 +15,7 @@ from swe_sphere.steppers.stepper import STEPPERS, Stepper, Trajectory
 
 SAFETY = 0.9
 PRESENT, PAST = 0.7, 0.4
-"""Exponents of the present and the previous error, times the order."""
+"""Exponents of the present and the previous error, times `power`."""
 MIN_RATIO, MAX_RATIO = 0.5, 2.0
 """Bounds of the ratio of two successive steps."""
 CAUTION = 0.1

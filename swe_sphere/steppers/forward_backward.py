@@ -280,18 +280,18 @@ class ForwardBackward(DepthThenWind):
     @classmethod
     def propagator(cls, share: float, wave: Complex, wind: Complex, loss: Complex) -> Complex:
         """Return matrices (..., 6, 6) that map three levels of h' sqrt(g/H) and u; see the base."""
-        turn, mass, depth = map(np.array, level_weights(*cls.weights_in(share)))
+        winds, masses, depths = map(np.array, level_weights(*cls.weights_in(share)))
         h, u = np.eye(6).reshape(2, 3, 6)
-        new = (1.0 + loss) * h[0] - wind * (mass @ h) - wave * (turn @ u)
-        pushed = depth[0] * new + depth[1:] @ h[:2]
-        speed = (1.0 + loss) * u[0] - wind * (turn @ u) - wave * pushed
+        new = (1.0 + loss) * h[0] - wind * (masses @ h) - wave * (winds @ u)
+        pushed = depths[0] * new + depths[1:] @ h[:2]
+        speed = (1.0 + loss) * u[0] - wind * (winds @ u) - wave * pushed
         return np.stack(np.broadcast_arrays(new, *h[:2], speed, *u[:2]), axis=-2)
 
 
 class ForwardBackwardRK3(DepthThenWind):
     """FB-RK(3,2): three stages; the new depth of a stage also accelerates its wind.
 
-    Lilly et al. 2023 (arXiv:2306.11821), with their weights.
+    Lilly et al. 2023 (arXiv:2306.11821), with weights for long steps in weak winds.
     """
 
     name, order = "fb-rk3", 2

@@ -30,7 +30,7 @@ radians of inertial oscillations apart: the modes that it removes are such oscil
 MIDPOINT = 1.5
 """Largest rate times step for one step of the midpoint rule with the edge penalty."""
 MOST_PARTS = 200
-"""Largest number of consecutive actions of the edge penalty."""
+"""Largest number of equal parts of an action of the edge penalty."""
 HELD = 0.75
 """Largest rate times step for which an implicit step holds the edge penalty unchanged: explicit
 steps of a state extrapolated by half a step are stable up to 1."""
