@@ -213,7 +213,7 @@ def backtrack(trial: Callable[[float], float], norm: float, eta: float) -> Searc
     """Shorten until |F(x + s d)| <= (1 - DECREASE s (1 - eta)) |F(x)| (Eisenstat & Walker 1994).
 
     trial(s) is |F(x + s d)|, norm |F(x)|, eta the relative residual of d in the linear system. The
-    next length minimises a parabola through |F|^2: at first that of the gentlest slope d may have, then
+    next length minimises a parabola through |F|^2: at first that of the gentlest slope of d, then
     the one through the last two trials and the origin (Kelley, Iterative Methods for
     Linear and Nonlinear Equations, 1995, 8.3.1), limited to between `LEAST_SHORTENING` and a half
     of the last. A trial that is not finite is cut to a quarter.
