@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from sections import Section, measure
+from sections import Section, load, measure
 
 ROOT = Path(__file__).parents[1]
 THEN = "8e73fdc"
@@ -170,7 +170,8 @@ def main(
             measured(commit, rounds, pairs, only.split(",") if only else []),
         )
 
-    measure("versions", {commit: section}, [commit])
+    kept = dict.fromkeys((*load("versions"), commit), section)
+    measure("versions", kept, [commit])
 
 
 if __name__ == "__main__":

@@ -410,7 +410,8 @@ class MoreGravity(Effect):
         return {"more": self.more}
 '''
 THREE_FILES = (
-    ("swe_sphere/equations/effects.py", '"""The effects of every scene that steps the wind."""\n',
+    ("swe_sphere/equations/effects.py",
+     '"""The nonlinear dynamics without rotation and bottom; a scene may have fewer effects."""\n',
      MORE_GRAVITY),
     ("kernels/terms.py", "    momentum: bool = False\n", "    more: bool = False\n"),
     ("kernels/terms.py", "return self.advection or self.pressure", " or self.more"),

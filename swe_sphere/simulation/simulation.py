@@ -34,19 +34,9 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.ranks.communicator import world
 from swe_sphere.ranks.limits import command_began
-from swe_sphere.simulation import build, planning, restart
+from swe_sphere.simulation import build, diagnostics, planning, restart
 from swe_sphere.simulation.config import Keywords, Output, RunConfig, make_config
-from swe_sphere.simulation.diagnostics import (
-    DIAGNOSTICS,
-    NAMES,
-    Diagnostic,
-    Numbers,
-    Snapshot,
-    check_options,
-    load_diagnostics,
-    reference_errors,
-    state_integrals,
-)
+from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Diagnostic, Numbers, Snapshot
 from swe_sphere.simulation.loop import Interruption, Loop
 from swe_sphere.simulation.observers import (
     Callback,
@@ -175,7 +165,7 @@ class Simulation(errors.NotCopyable):
         if config.days is not None:
             self._check_reference()
         for path in config.diagnostics:
-            load_diagnostics(path)
+            diagnostics.load_diagnostics(path)
         self.options = build.stepper_options(self.stepper_class, config)
         """Options of the stepper by name."""
         build.start_warp()
@@ -300,7 +290,7 @@ class Simulation(errors.NotCopyable):
         whose multiples fall on steps.  Raises ConfigError if step, length, frames and further
         times do not fit together, or an option of the stepper has the name of a diagnostic.
         """
-        check_options(self.stepper_class.name, self.options)
+        diagnostics.check_options(self.stepper_class.name, self.options)
         self._plan = planning.with_cycle(self, plan) if plan else planning.plan_run(self, also)
         if self._stepper is None or not self.steps:
             self._start_stepper()
@@ -642,7 +632,7 @@ class Simulation(errors.NotCopyable):
         """Integrals, and masses of tracers, of the initial state: drifts are relative to them."""
         start = self.initial_fields
         masses = tracer_masses(self.mesh, start, self.scene.tracers or ())
-        return state_integrals(self.model, start), masses
+        return diagnostics.state_integrals(self.model, start), masses
 
     @property
     @exclusive
@@ -674,7 +664,7 @@ class Simulation(errors.NotCopyable):
             "compile_seconds": self.model.compile_seconds, "ranks": self.comm.size,
             "earlier_seconds": self._earlier_counts.get("wall_seconds", 0.0),
         }  # fmt: skip
-        numbers |= {**dict.fromkeys(NAMES["costs"], 0), **self.counts()}
+        numbers |= {**dict.fromkeys(diagnostics.NAMES["costs"], 0), **self.counts()}
         if outcome.is_sound:
             numbers |= self.diagnostics
         if outcome.completed:
@@ -682,7 +672,7 @@ class Simulation(errors.NotCopyable):
             shipped = None if own else build.shipped_solution(self.scene, self.time / DAY)
             reference = self.reference or _read_reference(shipped)
             if reference is not None and reference.is_at(self.time):
-                numbers |= reference_errors(reference, self.snapshot)
+                numbers |= diagnostics.reference_errors(reference, self.snapshot)
                 numbers["reference"] = reference.path.name
         if (cuts := getattr(self._stepper, "cuts", None)) is not None:
             numbers["cuts"] = list(cuts)

@@ -12,6 +12,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.vectors import leapfrog
 from swe_sphere.steppers.imex_runge_kutta import ARK2, ImexStepper
 from swe_sphere.steppers.runge_kutta import RK4
+from swe_sphere.steppers.split_diffusion import Diffusion
 from swe_sphere.steppers.stability import Complex, largest_moduli
 from swe_sphere.steppers.stepper import Stepper
 
@@ -76,11 +77,15 @@ class Leapfrog(Stepper):
             model.dissipative_tendency(self.previous, self._part)
             model.launch.combine(slope, self._part, 1.0, out=slope)
         if self.diffusion is not None:
-            self.diffusion.join(self.previous, slope)
+            self._diffuse(self.diffusion)
         change, tau = self._solve()
         model.device_mesh.launch_over_fields(
             self._kernel, size, self.previous, self.state, change, tau, *self._filter
         )
+
+    def _diffuse(self, diffusion: Diffusion) -> None:
+        """Add to the slope the diffusion of the state that moves with it from the past level."""
+        diffusion.join(self.previous, self._slope)
 
     def _solve(self) -> tuple[wp.array, float]:
         """Return an array and the factor that turns it into the change over two steps."""
@@ -124,14 +129,21 @@ class SemiImplicit(ImexStepper, Leapfrog):
         return ARK2(model, self.dt, solver=self.solver)
 
     def advance(self) -> None:
+        self.solver.waves.linearise(self.state)
         super().advance()
         if self.steps > 0:
             self.solver.accept(self.previous, self.state, self.dt)
 
+    def _diffuse(self, diffusion: Diffusion) -> None:
+        self.space.axpby(-1.0, self.state, 1.0, self.previous, self._rhs)
+        self.solver.waves.apply(self._rhs, self._part)
+        self.space.axpy(1.0, self._part, self._slope)  # of the implicit step: F(x) + L (x- - x)
+        super()._diffuse(diffusion)
+        self.space.axpy(-1.0, self._part, self._slope)
+
     def _solve(self) -> tuple[wp.array, float]:
         combine, change, solver = self.model.launch.combine, self._change, self.solver
         solver.aim(self.state, self.error_constant, self.order, self.dt)
-        solver.waves.linearise(self.state)
         combine(self.previous, self.state, -1.0, self._slope, self.dt, out=self._rhs)
         solver.solve(self.dt, self.time, self._rhs, None, change, self.dt * solver.rate)
         combine(change, self.state, 1.0, self.previous, -1.0, out=change)

@@ -185,8 +185,7 @@ class WaveSolver(StageSolver):
         depth = float(self.waves.depth.mean())
         self._depth_per_wind = math.sqrt(depth / model.scene.planet.gravity)
         """Change of depth [m] with the energy of a change of wind of 1 m/s."""
-        self._floor = RESIDUAL_FLOOR * self.space.epsilon * depth * (tolerance > 0.0)
-        """Residual of the eliminated equation [m] that rounding causes; 0 for tolerance 0."""
+        self._floor = RESIDUAL_FLOOR * self.space.epsilon * depth * (tolerance > 0.0)  # [m]
 
     def solve(
         self, tau: float, t: float, r: wp.array, guess: wp.array | None, out: wp.array,
@@ -195,8 +194,7 @@ class WaveSolver(StageSolver):
         """Set out = (I - tau L)^-1 r, both states, from a guess of its depth (N,), from t [s] on.
 
         guess: None for 0; change: norm [m s-1] of the change to which the tolerance is relative; 0:
-        the right-hand side of the eliminated equation for the depth. Raises SolverFailed if the
-        solve does not converge.
+        the eliminated equation's right-hand side. Raises SolverFailed if it does not converge.
         """
         self.waves.setup(tau)
         target = max(self.tolerance * self._depth_per_wind * change, self._floor)
