@@ -169,8 +169,8 @@ def coarse() -> Section:
         "Chebyshev steps on the coarse functions",
         "williamson5, one core: Krylov iterations a step and, in brackets, CPU time of a step "
         "[ms] of one run. The Courant number is the root of the largest diagonal entry of S, for "
-        f"the implicit time τ. There are {kept[0]} steps up to a Courant number of "
-        f"{multilevel.COURANT_A_CYCLE:g}, and {kept[1]} above.",
+        f"the implicit time τ. There are {kept[0]} steps up to a median of the diagonal of "
+        f"{multilevel.LARGE:g}, where the largest root is 20 on a uniform mesh, else {kept[1]}.",
         ["mesh", "stepper", "Δt [s]", "days", "Courant number", *(f"{n} steps" for n in COARSE)],
         rows,
     )

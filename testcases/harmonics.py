@@ -266,7 +266,7 @@ def turbulence(
         wavenumber: n0, the degree of the energy's peak; 2 to 40.
         seed: seed of the random phases; a seed gives the same flow on every mesh.
 
-    Raises ConfigError for a parameter out of range, and for a wind that 10 km cannot balance.
+    Raises ConfigError for a parameter out of range; `initial`, if 10 km cannot balance it.
     """
     if not 2 <= wavenumber <= 40:
         raise ConfigError(f"turbulence: wavenumber must be 2 to 40, got {wavenumber}")

@@ -65,7 +65,7 @@ class Effect:
     are as accurate as the solver."""
 
     degree: ClassVar[int | None] = 1
-    """Degree of the rate as a polynomial of state and derivatives in space; None if it is none."""
+    """Degree of the rate in the state and its derivatives; 1 if constant, None if no polynomial."""
 
     differentiable: ClassVar[bool] = True
     """True if the kernels contain the derivative of the effect with respect to the state."""

@@ -33,7 +33,7 @@ class VectorSpace:
     """Vectors of n numbers with <a, b> = sum_i w_i a_i b_i and |a| = sqrt(<a, a>).
 
     A new space is a `HostSpace` on device "cpu" and a `DeviceSpace` elsewhere. The next product
-    overwrites the array that a product has returned. Ranks exchange one message in each call.
+    overwrites the array that a product has returned. Ranks exchange one message in each product.
     """
 
     copy: Callable[[wp.array, wp.array], None]

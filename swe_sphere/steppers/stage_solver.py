@@ -112,7 +112,7 @@ def _ratio(above: float, below: float) -> float:
 class StageSolver(TimeDerivatives):
     """A solver of stages whose residuals are below the truncation error of a step.
 
-    `tolerance`: largest residual, relative to the change over a step; the target is a fraction of
+    `tolerance`: largest residual, relative to the change over tau; the target is a fraction of
     the estimated truncation error, if smaller. ConfigError for one out of range.
     """
 
@@ -122,9 +122,9 @@ class StageSolver(TimeDerivatives):
         super().__init__(VectorSpace(energy_weights(model), mesh=model.device_mesh))
         self.model = model
         self.largest_tolerance = tolerance
-        """Largest residual that a solve may leave, relative to the change over a step."""
+        """Largest residual that a solve may leave, relative to the change over its tau."""
         self.tolerance = tolerance
-        """Residual of the solves of the present step, relative to the change over it."""
+        """Residual of the solves of the present step, relative to the change over their tau."""
         self.counters = model.counters
         self.counters["krylov_iterations"] = 0
         self.state: wp.array = None

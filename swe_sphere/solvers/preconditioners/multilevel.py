@@ -22,9 +22,9 @@ LONG = 10.0
 pays off, with one more Chebyshev step after the last correction."""
 COURANT_A_CYCLE, MOST_CYCLES = 20.0, 4
 """Each such increase of the gravity-wave Courant number adds a cycle, up to MOST_CYCLES."""
-COARSE_STEPS = 6, 10
-"""Number of Chebyshev steps on the coarse functions up to COURANT_A_CYCLE, and above.  After some
-days of a run the computational modes limit the convergence: fewer steps need more iterations."""
+COARSE_STEPS, LARGE = (6, 10), 290.0
+"""Numbers of Chebyshev steps on the coarse functions up to a median LARGE of diag S, and above.
+After some days computational modes limit the convergence: fewer steps need more iterations."""
 COURANT_A_STEP, LEAST_STEPS, MOST_STEPS, VERY_LONG = 2.2, 4, 16, 40.0
 """Above np 4 without diffusion a cycle has a Chebyshev step for each COURANT_A_STEP of the Courant
 number, within these limits; above VERY_LONG there are two cycles."""
@@ -70,7 +70,7 @@ class Multilevel:
         self._first, self._between, self._last = (
             chebyshev_coefficients(n, largest) for n in (FIRST_STEPS, between, last)
         )
-        self._coarse.setup(tau, depth, COARSE_STEPS[courant > COURANT_A_CYCLE])
+        self._coarse.setup(tau, depth, COARSE_STEPS[int(np.median(self.operator.diagonal) > LARGE)])
 
     def solve(self, b: Field, x: Field) -> None:
         """Set x to about S^-1 b; b is overwritten."""
