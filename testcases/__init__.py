@@ -1,4 +1,4 @@
-"""Scenes: every function of these modules that returns a `Scene`, by name in `SCENES`."""
+"""Scenes: each public function here that builds a `Scene` without arguments, in `SCENES`."""
 
 from swe_sphere.testcases.user_scenes import SCENES, get_scene, list_scenes
 

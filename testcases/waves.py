@@ -235,7 +235,8 @@ def hough(
     Args:
         wave: "kelvin", "rossby", or gravity wave "eastward" or "westward".
         k: zonal wavenumber, 1 to 500.
-        n: meridional mode, 1 to 40; 1 is the only Kelvin, fastest Rossby or slowest gravity wave.
+        n: mode, 1 to 40 (kelvin: 1), from the fastest rossby and the slowest gravity wave on. For
+            rossby and eastward it is 1 + n of `matsuno`; rossby 1 is the mixed one.
         depth: mean depth [m], 1e-3 to 1e6.
         amplitude: root mean square of the wind [m s-1].
         linear: use the equations linearised about rest, for which the mode is exact.

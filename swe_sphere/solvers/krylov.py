@@ -318,7 +318,7 @@ class KrylovBasis:
         return products[:-1].copy(), float(products[-1])
 
     def _stays_orthogonal(self, square: float, rest: float) -> bool:
-        """Return whether one pass, after which `rest` of `square` remains, keeps orthogonality.
+        """Return whether one pass, which leaves `rest` of `square`, is enough; record its loss.
 
         The pass amplifies an earlier loss of orthogonality: products of the new row with the others
         become |E c| / r + round-off |v| / r, and its length differs from one by c' E c / r^2.

@@ -19,7 +19,7 @@ PRESENT, PAST = 0.7, 0.4
 MIN_RATIO, MAX_RATIO = 0.5, 2.0
 """Bounds of the ratio of two successive steps."""
 CAUTION = 0.1
-"""Fraction of the initial state's time scale that sets the first step."""
+"""Ratio of the first step to tolerance^(1/power) times the time scale."""
 SOLVER = 0.1
 """Fraction of the tolerance that errors of the solver may use."""
 SMALLEST_PART = 1e-6

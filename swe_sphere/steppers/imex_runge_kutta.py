@@ -34,7 +34,7 @@ class ImexStepper(Stepper):
     least_ratio: ClassVar[float] = 8.0
     """Least ratio of implicit to explicit wave frequencies in the analysis of stability."""
     wind_factor: ClassVar[float] = 1.0
-    """Factor of the advection rate in winds faster than a third of the gravity waves."""
+    """Factor of the explicit rate in winds faster than a third of the gravity waves."""
     solver: WaveSolver
 
     def __init__(
@@ -51,7 +51,7 @@ class ImexStepper(Stepper):
     def spectral_radii(cls, model: Model, state: wp.array, t: float = 0.0) -> SpectralRadii:
         """Return the rates [s-1] that limit explicit steps of F - L (see `explicit_radii`).
 
-        The strongest advection of a trial run counts, times `wind_factor` in strong winds. If the
+        They include the advection of a trial run; all times `wind_factor` in strong winds. If the
         initial wind is faster than the gravity waves, the Coriolis force adds to advection.
         """
         fastest = np.sqrt(model.scene.planet.gravity * reference_depth(model).max())

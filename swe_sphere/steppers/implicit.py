@@ -23,7 +23,7 @@ from swe_sphere.steppers.stepper import Family, Stepper, Trajectory
 
 KRYLOV_SIZE = 200
 KRYLOV_MEMORY = 2e9
-"""Number of basis vectors kept by GMRES, and the largest memory they may occupy [bytes]."""
+"""Most basis vectors of GMRES, and the largest memory [bytes] of more than 20 of them."""
 NEWTON_ITERATIONS = 12
 """Largest number of Newton iterations; beyond it two half steps cost less."""
 MOST_STEP_PARTS = 64

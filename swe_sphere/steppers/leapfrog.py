@@ -107,8 +107,7 @@ class SemiImplicit(ImexStepper, Leapfrog):
 
     (I - dt L) x+ = x- + 2 dt [F(x) - L x] + dt L x- (Robert 1969; Hoskins & Simmons 1975,
     doi:10.1002/qj.49710142918), solved for half the second difference y = (x+ - 2 x + x-)/2 from
-    the guess 0: (I - dt L) y = x- - x + dt F(x), without a product with L. Diffusion is added to
-    F(x). The first step uses ARK2.
+    the guess 0: (I - dt L) y = x- - x + dt F(x). Only diffusion, in F(x), needs L. ARK2 starts.
     """
 
     name = "semi-implicit"

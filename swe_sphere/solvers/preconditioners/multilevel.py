@@ -36,7 +36,7 @@ def schur_operator(
     """Return S of a model with that Coriolis parameter (N,) [s-1], in the number type `real`.
 
     outer: number type of the states that it eliminates from and substitutes into; damping: rate of
-    wind and depth by wavenumber, if any.
+    wind and depth by k^2 [m-2], if any.
     """
     mesh = model.device_mesh.like(real, model.shape)
     return SchurOperator(mesh, model.scene.planet.gravity, coriolis, outer, damping)
