@@ -12,6 +12,7 @@ from swe_sphere.equations.effects import EdgePenalty, Hyperviscosity, Tracers
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh import partition
 from swe_sphere.operators import replay, strips
+from swe_sphere.solvers.preconditioners.multilevel import schur_operator
 from swe_sphere.steppers.stepper import STEPPERS
 from swe_sphere.testcases import get_scene
 
@@ -92,6 +93,22 @@ def with_everything():
 def test_effects_and_tracers_have_the_same_bits(monkeypatch, name, scene):
     scene = scene() if callable(scene) else scene
     check(monkeypatch, Mesh.build(3, 4), scene, name)
+
+
+def test_recorded_products_with_damping_have_the_same_bits(monkeypatch, waves):
+    """The damped field is no memory in which preceding strips store fluxes."""
+    monkeypatch.setattr(partition, "RINGED", 0)
+    model = Model(Mesh.build(4, 4), get_scene("williamson5").with_effect(Hyperviscosity()))
+    operator = schur_operator(model, model.coriolis, wp.float32, wp.float64, model.damping)
+    operator.configure(3600.0, np.full(model.mesh.size, 5000.0))
+    x, out = operator.field(), operator.field()
+    operator.put(np.random.default_rng(1).standard_normal(model.mesh.size), x)
+    operator.apply(x, out)
+    expected, repeat = operator.fetch(out), replay.Replay(operator.mesh.launch)
+    for _ in range(3):
+        repeat("product", operator.apply, x, out)
+        np.testing.assert_array_equal(operator.fetch(out), expected)
+    assert waves
 
 
 @pytest.mark.parametrize("name", ["forward-backward", "leapfrog"])

@@ -81,9 +81,10 @@ class Damping:
         wp.copy(self._once, self._mesh.on_elements(factor))
         wp.copy(self._twice, self._mesh.on_elements(factor**2))
 
-    def damp_twice(self, x: Field, out: Field) -> None:
-        """Set out = F^2 x in each element separately."""
-        self._damp(self._twice, self._ones, x, out)
+    def damp_twice(self, x: Field) -> Field:
+        """Return F^2 x by element, valid until the next call of `damp_twice` or `damp_wind`."""
+        self._damp(self._twice, self._ones, x, self._second)
+        return self._second
 
     def damp_depth(self, h: Field, out: wp.array) -> None:
         """Set the depth of the state `out` to F h, after DSS."""
@@ -271,8 +272,7 @@ class SchurOperator:
 
     def _differentiate(self, x: Field) -> None:
         if self.damping is not None:
-            self.damping.damp_twice(x, self._f1)
-            x = self._f1
+            x = self.damping.damp_twice(x)  # not in _f1: later strips store fluxes there
         inputs = self._geometry, x.values, self._east.values, self._north.values
         self.mesh.over_elements(self._slopes, self._gradient, self.dim, *inputs)
 
