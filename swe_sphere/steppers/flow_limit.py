@@ -20,7 +20,7 @@ from swe_sphere.steppers.stepper import Stepper
 INTERVALS = 18
 """Approximate largest number of node intervals along an edge of the trial run's cube."""
 DAYS = 6.0
-"""Length of the trial run [days], after which winds in the scenes of the package grow little."""
+"""Largest length of the trial run [days]; later, winds in the package's scenes grow little."""
 LOOKS = 8
 MOST_STEPS = 2000
 
