@@ -254,6 +254,20 @@ def test_a_flag_replaces_a_setting_of_a_recipe_and_keeps_the_others(swe, tmp_pat
     assert found == "drag.quadratic=1e-09 drag.linear=2e-6 viscosity.nu=1e5"
 
 
+def test_settings_of_a_sweep_are_added_to_those_of_all_sweeps(swe, tmp_path):
+    head, _, _ = RECIPE.partition("[[sweep]]")
+    text = f"{head}[set.drag]\nlinear = 1e-6\n[set.viscosity]\nnu = 1e5\n"
+    text += "[[sweep]]\nscene = 'williamson2'\n[sweep.set.drag]\nquadratic = 1e-9\n"
+    (tmp_path / "one.toml").write_text(text)
+    assert swe("--recipe", "one.toml", "--out", "d")[0] == 0
+    (found,) = {*xr.open_dataset(tmp_path / "d" / "williamson2" / "sweep.nc").settings.values}
+    assert {*found.split()} == {
+        "drag.linear=1e-06",
+        "drag.quadratic=1e-09",
+        "viscosity.nu=100000.0",
+    }
+
+
 def test_a_flag_for_what_a_recipe_varies_is_refused(swe, tmp_path):
     text = RECIPE.partition("[[sweep]]")[0] + "[[sweep]]\nscene = 'williamson2'\n"
     (tmp_path / "one.toml").write_text(text + "[sweep.each]\n'drag.linear' = ['1e-6', '1e-5']\n")

@@ -102,6 +102,12 @@ def by_owner(settings: Iterable[Setting]) -> dict[str, dict[str, Any]]:
     return values
 
 
+def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the table with changes; tables within it are merged too."""
+    both = [k for k in changes if all(isinstance(x.get(k), Mapping) for x in (table, changes))]
+    return {**table, **changes, **{k: merged(table[k], changes[k]) for k in both}}
+
+
 def override(values: Mapping[str, Any], by: Mapping[str, Any]) -> dict[str, Any]:
     """Return values by field with those of another table in their place, settings one by one.
 

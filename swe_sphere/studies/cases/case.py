@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.fingerprints import code_fingerprint, fingerprint
-from swe_sphere.settings.values import by_field, place_and_complaint, read_toml
+from swe_sphere.settings.values import by_field, merged, place_and_complaint, read_toml
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.steppers import STEPPERS, get_stepper
 from swe_sphere.studies.cases.scenes import random_setting
@@ -175,16 +175,6 @@ class Case(BaseModel):
     def scene(self) -> str:
         """Name of the scene of the run."""
         return str(self.run["scene"]).removeprefix("cases:")
-
-
-def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the table with changes; tables within it are merged too."""
-    deep = {
-        key: merged(table[key], value)
-        for key, value in changes.items()
-        if isinstance(value, Mapping) and isinstance(table.get(key), Mapping)
-    }
-    return {**table, **changes, **deep}
 
 
 class Table(Case):

@@ -15,6 +15,7 @@ from swe_sphere.settings.registry import file_or_name
 from swe_sphere.settings.values import (
     by_field,
     flag_of,
+    merged,
     names_in,
     override,
     read_settings,
@@ -251,7 +252,7 @@ def load_recipe(name: str) -> Recipe:
     single, notes = [], dict[str, str]()
     for each in sweeps:
         note = each.pop("note", None)
-        made = [*_combinations(path, table | each)]
+        made = [*_combinations(path, merged(table, each))]
         single += [by_field(one) for one in made]
         notes |= {} if note is None else dict.fromkeys(map(folder_of, made), str(note))
     return Recipe(title, tuple(single), introduction, notes)
