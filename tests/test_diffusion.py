@@ -173,7 +173,7 @@ def test_other_steppers_have_it_in_their_stages(name: str) -> None:
 
 
 def test_in_the_stages_of_an_explicit_stepper_it_limits_the_step() -> None:
-    """In rk4 with diffusion in its stages; the automatic step is then stable."""
+    """The automatic step of rk4 is stable with diffusion in its stages."""
     kind = type("InStages", (STEPPERS["rk4"],), {"name": "in-stages", "splits_diffusion": False})
     scene = get_scene("williamson5").with_effect(Hyperviscosity(3e19))
     sim = Simulation(scene, stepper=kind, ne=3, np=4)

@@ -894,7 +894,6 @@ def _plotted(summary: Summary, file: Path, picture: Path, overwrite: bool) -> Su
         clear = isinstance(error, SweError)
         why = str(error) if clear else f"cannot draw {picture}: {cause(error)}"
         status = summary.exit_status or RunFailed.exit_status
-        return replace(
-            summary, reason=summary.reason or errors.in_one_line(why), exit_status=status
-        )
+        reason = summary.reason or errors.in_one_line(why)
+        return replace(summary, reason=reason, exit_status=status)
     return summary
