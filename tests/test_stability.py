@@ -92,7 +92,8 @@ def growth(name: str, model: Model, dt: float, steps: int) -> float:
 def test_the_limit_is_a_limit(name: str, nu: float) -> None:
     """Three per cent below the limit nothing grows; ten above all does that viscosity lets.
 
-    Multirate steps are limited by the Coriolis force here, of which they know the size alone.
+    Multirate steps are limited by the Coriolis force here, of which they know the size alone, and
+    those of fb-rk3 by faster rotation.
     """
     model = Model(Mesh.build(2, 4), make_scene(*WAVES).with_effect(Viscosity(nu)))
     rest = model.device_mesh.upload(states(model)["rest"])
@@ -100,7 +101,7 @@ def test_the_limit_is_a_limit(name: str, nu: float) -> None:
     limit = STEPPERS[name].stable_dt(spectrum)
     multirate = name.startswith("mis")
     assert growth(name, model, 0.97 * limit, 600) < (4.0 if multirate else 3.0)
-    if not nu and not multirate:
+    if not nu and not multirate and name != "fb-rk3":
         assert growth(name, model, 1.1 * limit, 600) > 1e6
 
 

@@ -291,14 +291,15 @@ class ForwardBackward(DepthThenWind):
 class ForwardBackwardRK3(DepthThenWind):
     """FB-RK(3,2): three stages; the new depth of a stage also accelerates its wind.
 
-    Lilly et al. 2023 (arXiv:2306.11821), with weights for long steps in weak winds.
+    Lilly et al. 2023 (arXiv:2306.11821), with the weights of github.com/dengwirda/swe-python.
     """
 
     name, order = "fb-rk3", 2
     repeats_from = 0
+    reach = 2.4  # at rest the limit is 4, but 3 in any wind and 2.5 in fast rotation
     fractions: ClassVar[tuple[float, ...]] = (1 / 3, 1 / 2, 1.0)
     """Length of each stage, which begins with the step, as a fraction of the step."""
-    weights: ClassVar[tuple[float, ...]] = (0.359, 0.578, 0.234)
+    weights: ClassVar[tuple[float, ...]] = (0.311875, 0.425, 0.3625)
 
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)
