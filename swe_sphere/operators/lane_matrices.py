@@ -64,10 +64,9 @@ class SlicedMatrix:
         per_diagonal: 1/diagonal in registers.
         """
         d, new = directions
-        self._launch(
-            self._kernel, self._groups, *self._entries, per_diagonal, *coefficients,
-            d.flat, d.values, r.values, before.values, new.values, x.values,
-        )  # fmt: skip
+        vectors = d.flat, d.values, r.values, before.values, new.values, x.values
+        inputs = *self._entries, per_diagonal, *coefficients, *vectors
+        self._launch(self._kernel, self._groups, *inputs)
 
 
 class TallMatrix:

@@ -94,25 +94,20 @@ class Damping:
     def damp_wind(self, r: wp.array) -> wp.array:
         """Return a state with the wind F V of r, after DSS, and the depth of r."""
         mesh, one, two, size = self._mesh, self._first, self._second, self._mesh.size
-        self._launch(
-            self._covariant, self._dim, mesh.nodes, mesh.basis, size, r, one.values, two.values
-        )
+        values = one.values, two.values
+        self._launch(self._covariant, self._dim, mesh.nodes, mesh.basis, size, r, *values)
         for each in (one, two):
             self._damp(self._once, self._ones, each, each)
-        self._launch(
-            self._physical, self._dim, mesh.weight, mesh.basis, one.values, two.values,
-            self._east.values, self._north.values,
-        )  # fmt: skip
+        inputs = mesh.weight, mesh.basis, *values, self._east.values, self._north.values
+        self._launch(self._physical, self._dim, *inputs)
         self._join(self._east, 0, self.state)
         self._join(self._north, 1, self.state)
         wp.copy(self.state, r, 2 * size, 2 * size, size)
         return self.state
 
     def _damp(self, factor: wp.array, scale: wp.array, x: Field, out: Field) -> None:
-        self._launch(
-            self._filter, self._mesh.groups, self._to_modes, self._to_nodes, factor, scale,
-            x.values, out.values,
-        )  # fmt: skip
+        inputs = self._to_modes, self._to_nodes, factor, scale, x.values, out.values
+        self._launch(self._filter, self._mesh.groups, *inputs)
 
     def _join(self, local: Field, block: int, out: wp.array) -> None:
         mesh = self._mesh
@@ -265,10 +260,9 @@ class SchurOperator:
         self._smooth(-1.0, coefficients, b or r, d, r, d, x)
 
     def _smooth(self, sign: float, coefficients: Step, *fields: Field) -> None:
-        self._over_elements(
-            self._chebyshev, self._local.values, self._local.flat, sign,
-            self.tau**2 * self.gravity, *coefficients, *(field.values for field in fields),
-        )  # fmt: skip
+        inputs = self._local.values, self._local.flat, sign, self.tau**2 * self.gravity
+        values = (field.values for field in fields)
+        self._over_elements(self._chebyshev, *inputs, *coefficients, *values)
 
     def _differentiate(self, x: Field) -> None:
         if self.damping is not None:

@@ -52,10 +52,8 @@ class TendencyOperator:
             mesh.launch(flux, mesh.threads(), self.geometry, x)
         mesh.over_elements(local, self._kernel, mesh.threads(), self.geometry, x, local.values, out)
         wind = x if self._turned is None else self._turned
-        self._assemble(
-            self._places, mesh.inverse_area, mesh.lanes, mesh.size, local.flat, self._own, wind,
-            self._stage, out,
-        )  # fmt: skip
+        inputs = mesh.inverse_area, mesh.lanes, mesh.size, local.flat, self._own, wind
+        self._assemble(self._places, *inputs, self._stage, out)
 
 
 def pointwise_operator(

@@ -98,26 +98,24 @@ class Limiter:
         self, mesh: DeviceMesh, depth: int, first: int, lower: Array, upper: Array
     ) -> None:
         """Prepare for the offsets `depth` and `first` in states, and bounds for each tracer."""
-        self._mesh, self._launch, self._count = mesh, mesh.launch, lower.size
+        types, launch, chunks, count = mesh.types(), mesh.launch, mesh.chunks, lower.size
+        self._mesh, self._launch, self._count = mesh, launch, count
         self._offsets = (depth, first)
         self._bounds = (mesh.upload(lower), mesh.upload(upper))
-        types, launch = mesh.types(), mesh.launch
         self._inside, self._sums, self._parts = launch.compile(
             types, limit_elements, sum_rooms, room_parts
         )
         self._fill = mesh.over_nodes(limit_sphere)
         self._geometry = mesh.geometry(types.geometry)
-        self._local = mesh.scratch(self._count, types.value)
-        self._places = mesh.places(self._count)
+        self._local, self._places = mesh.scratch(count, types.value), mesh.places(count)
         self._add = mesh.over_nodes(assemble_blocks)
         self._area = wp.array(mesh.on_rank(mesh.mesh.area), dtype=wp.float64, device=mesh.device)
-        chunks, count = mesh.chunks, self._count
         self._partial = wp.zeros((chunks.count, count), dtype=wp.vec3d, device=mesh.device)
         self._everything = self._partial
         """The partial sums; with several ranks, their total."""
         if mesh.comm.shared:
             self._everything = wp.zeros((1, count), dtype=wp.vec3d, device=mesh.device)
-        self._part = wp.zeros(self._count, dtype=wp.vec2d, device=mesh.device)
+        self._part = wp.zeros(count, dtype=wp.vec2d, device=mesh.device)
         self._replay = Replay(launch)
 
     def __call__(self, state: wp.array) -> None:
@@ -128,19 +126,13 @@ class Limiter:
 
     def _limit(self, state: wp.array) -> None:
         mesh, chunks, (_, first) = self._mesh, self._mesh.chunks, self._offsets
-        mesh.over_elements(
-            self._local, self._inside, mesh.groups, self._geometry, state, *self._offsets,
-            self._count, *self._bounds, self._local.values,
-        )  # fmt: skip
-        self._add(
-            self._places, mesh.inverse_area, mesh.lanes, mesh.size, self._count, first,
-            self._local.flat, mesh.stage_at(state, 1.0), state,
-        )  # fmt: skip
+        inputs = self._geometry, state, *self._offsets, self._count, *self._bounds
+        mesh.over_elements(self._local, self._inside, mesh.groups, *inputs, self._local.values)
+        parts = mesh.inverse_area, mesh.lanes, mesh.size, self._count, first, self._local.flat
+        self._add(self._places, *parts, mesh.stage_at(state, 1.0), state)
         # the excess of the elements fills the room over the sphere
-        self._launch(
-            self._sums, (self._count, chunks.count), self._area, state, *self._offsets, mesh.size,
-            chunks.spans, *self._bounds, self._partial,
-        )  # fmt: skip
+        whole = self._area, state, *self._offsets, mesh.size, chunks.spans, *self._bounds
+        self._launch(self._sums, (self._count, chunks.count), *whole, self._partial)
         if self._everything is not self._partial:
             sums = chunks.partial_sums(3 * self._count)
             sums[:] = self._partial.numpy().reshape(sums.shape)

@@ -311,10 +311,8 @@ class DeviceSpace(VectorSpace):
         return self._least_of_all(float(self._sums[0].min()))
 
     def _reduce(self, kernel: wp.Kernel, rows: int, inputs: list[Any]) -> None:
-        wp.launch_tiled(
-            kernel, dim=(rows, self._blocks), inputs=inputs, block_dim=BLOCK_THREADS,
-            device=self.device,
-        )  # fmt: skip
+        dim = rows, self._blocks
+        wp.launch_tiled(kernel, dim=dim, inputs=inputs, block_dim=BLOCK_THREADS, device=self.device)
 
     def _fetch(self, rows: int) -> None:
         """Copy the blocks' partial sums of the rows to the host."""

@@ -71,7 +71,7 @@ class Leapfrog(Stepper):
             self._starter.step()
             wp.copy(self.state, self._starter.state)
             return
-        model, slope, size = self.model, self._slope, self.model.size
+        model, slope = self.model, self._slope
         model.conservative_tendency(self.state, self.time, slope)
         if model.dissipative:
             model.dissipative_tendency(self.previous, self._part)
@@ -79,9 +79,8 @@ class Leapfrog(Stepper):
         if self.diffusion is not None:
             self._diffuse(self.diffusion)
         change, tau = self._solve()
-        model.device_mesh.launch_over_fields(
-            self._kernel, size, self.previous, self.state, change, tau, *self._filter
-        )
+        inputs = self.previous, self.state, change, tau, *self._filter
+        model.device_mesh.launch_over_fields(self._kernel, model.size, *inputs)
 
     def _diffuse(self, diffusion: Diffusion) -> None:
         """Add to the slope the diffusion of the state that moves with it from the past level."""

@@ -166,9 +166,8 @@ class FastWaves:
         """State that is stepped: wind and depth, then tracers or mass flux."""
         self._winds, self._depth = 2 * n, self.state[2 * n : 3 * n]
         types, self._has_carried = mesh.types(), int(model.carried is not None)
-        self._transport, self._slope = kernels = [
-            field_kernel(types, formula) for formula in (transport(), gradient)
-        ]
+        kernels = [field_kernel(types, formula) for formula in (transport(), gradient)]
+        self._transport, self._slope = kernels
         self._geometry = mesh.geometry(types.geometry)
         self._divergence = mesh.scratch(1, types.value)
         self._gradient = mesh.scratch(2, types.value)
@@ -201,22 +200,17 @@ class FastWaves:
 
     def _drift(self, rest: wp.array, rate: wp.array, tau: float, kept: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
-        mesh.over_elements(
-            self._divergence, self._transport, mesh.threads(1), self._geometry, s, rest,
-            self._winds, 1, self._divergence.values, s,
-        )  # fmt: skip
+        inputs = self._geometry, s, rest, self._winds, 1, self._divergence.values, s
+        mesh.over_elements(self._divergence, self._transport, mesh.threads(1), *inputs)
         launch(
             self._drift_kernel, mesh.size, mesh.places(1), mesh.inverse_area, mesh.size,
-            self._divergence.flat, tau, rate, s, self._has_carried, kept,
-            self._path,
+            self._divergence.flat, tau, rate, s, self._has_carried, kept, self._path,
         )  # fmt: skip
 
     def _kick(self, rate: wp.array, tau: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
-        mesh.over_elements(
-            self._gradient, self._slope, mesh.threads(1), self._geometry, s, self._depth, 0, 1,
-            self._gradient.values, s,
-        )  # fmt: skip
+        inputs = self._geometry, s, self._depth, 0, 1, self._gradient.values, s
+        mesh.over_elements(self._gradient, self._slope, mesh.threads(1), *inputs)
         launch(
             self._kick_kernel, mesh.size, mesh.places(2), mesh.inverse_area, mesh.lanes,
             mesh.size, self._gradient.flat, self._model.scene.planet.gravity, tau, rate, s,

@@ -62,11 +62,10 @@ def smooth_functions(mesh: Mesh) -> ElementSpace:
     """
     cells = -(-(mesh.np - 1) // 3)
     cells += mesh.np % 2 == 0 and cells % 2 == 0  # there is no middle node to separate them
-    kept = np.abs(mesh.gll_points[:, None] - np.linspace(-1.0, 1.0, cells + 1)).argmin(axis=0)
+    points = mesh.gll_points
+    kept = np.abs(points[:, None] - np.linspace(-1.0, 1.0, cells + 1)).argmin(axis=0)
     kept[cells // 2 + 1 :] = mesh.np - 1 - kept[: cells - cells // 2][::-1]
-    hats = np.stack(
-        [np.interp(mesh.gll_points, mesh.gll_points[kept], h) for h in np.eye(cells + 1)]
-    )
+    hats = np.stack([np.interp(points, points[kept], h) for h in np.eye(cells + 1)])
     hats = 0.5 * (hats + hats[::-1, ::-1])  # the same bits from either end
     values = np.einsum("pi,qj->ijpq", hats, hats).reshape(mesh.np**2, -1)
     corners = mesh.nodes[:, kept][:, :, kept].reshape(mesh.elements, -1)
@@ -174,10 +173,8 @@ class CoarsePart:
 
     def prolong(self, coefficients: Field, x: Field) -> None:
         """Add the functions times their coefficients to x."""
-        self._launch(
-            self._prolong, self._dims[1], 0, self._values, self._of_elements, coefficients.flat,
-            x.values, cuts=self._mesh.cuts,
-        )  # fmt: skip
+        inputs = self._values, self._of_elements, coefficients.flat, x.values
+        self._launch(self._prolong, self._dims[1], 0, *inputs, cuts=self._mesh.cuts)
 
     def rows(self, matrix: Any) -> scipy.sparse.csr_array:
         """Return the rows of this rank's functions."""
