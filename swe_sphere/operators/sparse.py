@@ -39,9 +39,8 @@ class ElementSpace:
         columns = np.broadcast_to(self.numbers[:, None, :], shape)
         used = (columns >= 0) & (values != 0.0)
         index = (np.broadcast_to(rows[..., None], shape)[used], columns[used])
-        return scipy.sparse.coo_array(
-            (values[used], index), (rows.max() + 1, self.numbers.max() + 1)
-        )
+        sizes = rows.max() + 1, self.numbers.max() + 1
+        return scipy.sparse.coo_array((values[used], index), sizes)
 
 
 def gradient(mesh: Mesh) -> scipy.sparse.csr_array:
@@ -118,9 +117,8 @@ def _derivatives(mesh: Mesh, along_1: Array, along_2: Array) -> scipy.sparse.csr
     columns[0] = mesh.nodes.transpose(0, 2, 1)[:, None, :, :]
     columns[1] = mesh.nodes[:, :, None, :]
     index = (np.broadcast_to(mesh.nodes[..., None], shape).ravel(), columns.ravel())
-    return _over_area(
-        mesh, scipy.sparse.coo_array((values.ravel(), index), (mesh.size, mesh.size)).tocsr()
-    )
+    found = scipy.sparse.coo_array((values.ravel(), index), (mesh.size, mesh.size))
+    return _over_area(mesh, found.tocsr())
 
 
 def _over_area(mesh: Mesh, matrix: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
@@ -165,9 +163,8 @@ def _across(mesh: Mesh, direction: int) -> Lines:
 def _edges(across: list[Lines]) -> Lines:
     """Return the edges (edges, np), each the sum of two elements, from the end of lower number."""
     nodes = np.concatenate([nodes[:, [0, -1]].reshape(-1, nodes.shape[-1]) for nodes, _ in across])
-    factors = np.concatenate(
-        [factors[:, :, [0, -1]].reshape(2, -1, factors.shape[-1]) for _, factors in across], axis=1
-    )
+    ends = [factors[:, :, [0, -1]].reshape(2, -1, factors.shape[-1]) for _, factors in across]
+    factors = np.concatenate(ends, axis=1)
     back = nodes[:, 0] > nodes[:, -1]
     nodes[back] = nodes[back, ::-1]
     factors[:, back] = -factors[:, back, ::-1]  # the derivative changes its sign
@@ -190,9 +187,8 @@ class Probing:
     def __init__(self, mesh: Mesh) -> None:
         ones = np.ones(mesh.nodes.size, dtype=np.int8)
         rows = np.repeat(np.arange(mesh.elements), mesh.np**2)
-        elements = scipy.sparse.csr_array(
-            (ones, (rows, mesh.nodes.ravel())), (mesh.elements, mesh.size)
-        )
+        entries = ones, (rows, mesh.nodes.ravel())
+        elements = scipy.sparse.csr_array(entries, (mesh.elements, mesh.size))
         near = (elements.T.astype(bool) @ elements.astype(bool)).tocsc()
         self.colours = _coloured((near @ near).tocsr())
         """(N,) colour of each node's columns."""

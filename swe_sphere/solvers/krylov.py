@@ -454,5 +454,4 @@ class FlexibleGMRES(KrylovSolver):
         p.terms += terms
         # a full basis may converge slowly; any other cycle should gain far more than a half
         most = (0.5 if met or broken else 0.999) * start
-        largest = math.sqrt(epsilon) * p.scale
-        self._judge(p, most, ": the operator is singular" * broken, largest)
+        self._judge(p, most, ": the operator is singular" * broken, math.sqrt(epsilon) * p.scale)

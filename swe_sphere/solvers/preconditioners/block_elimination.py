@@ -103,9 +103,8 @@ class DirectElimination(BlockElimination):
         return 12.0 * 2.2 * (np - 1) * nodes * math.sqrt(nodes)
 
     def invert(self, tau: float, depth: Array) -> None:
-        self._factors = scipy.sparse.linalg.splu(
-            self.operator.matrix.matrix(tau, depth).tocsc(), permc_spec="MMD_AT_PLUS_A"
-        )
+        matrix = self.operator.matrix.matrix(tau, depth).tocsc()
+        self._factors = scipy.sparse.linalg.splu(matrix, permc_spec="MMD_AT_PLUS_A")
 
     def solve(self, b: Field, x: Field) -> None:
         self.operator.put(self._factors.solve(self.operator.fetch(b)), x)
