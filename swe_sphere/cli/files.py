@@ -81,8 +81,7 @@ def animate(
     """Make a film of all frames of a run."""
     from swe_sphere.pictures.plot import animate_file
 
-    chosen = validate(Look, given(look, Look))
-    typer.echo(animate_file(file, field, out, chosen, rate, overwrite))
+    typer.echo(animate_file(file, field, out, validate(Look, given(look, Look)), rate, overwrite))
 
 
 def _against(file: Path, other: str, trust: Iterable[Path]) -> Source | Exact:

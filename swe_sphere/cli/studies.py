@@ -97,7 +97,6 @@ def _run(context: typer.Context, folder: str, cases: Sequence[Case], describe: D
         if value := context.params.get(name):
             words += [f"--{name}", ",".join(names_in(value))]
     chosen = any(context.params.get(name) for name in ("scenes", "groups", "steppers"))
-    command = shlex.join([*words, "--out", str(out)])
     file = None if out is None else _page_file(out, folder, quick, words if chosen else [])
     store = None if file is None else Store(file.with_suffix(".runs"), Measure)
     known = store.records if store and resume else ()
@@ -109,7 +108,7 @@ def _run(context: typer.Context, folder: str, cases: Sequence[Case], describe: D
             rows = list(found if as_json else _shown(found))
             result = finite(describe(rows))
             if file is not None:
-                write_whole(file, page(folder, rows, command))
+                write_whole(file, page(folder, rows, shlex.join([*words, "--out", str(out)])))
                 text = json.dumps(result, indent=1, ensure_ascii=False)
                 write_whole(file.with_suffix(".json"), text + "\n")
     except Interrupted as error:

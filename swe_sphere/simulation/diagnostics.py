@@ -138,9 +138,8 @@ def _read_only(fields: Fields) -> Fields:
 def state_integrals(model: Model, fields: Fields) -> Numbers:
     """Return global integrals and extremes of u, v, h, vorticity and divergence, each (N,)."""
     values = {name: fields[name] for name in ("u", "v", "h", "vorticity", "divergence")}
-    return integrals.flow_integrals(
-        model.mesh, model.scene.planet, b=model.bottom, f=model.coriolis, **values
-    )
+    values |= {"b": model.bottom, "f": model.coriolis}
+    return integrals.flow_integrals(model.mesh, model.scene.planet, **values)
 
 
 def exact_fields(model: Model, time: float) -> Fields:

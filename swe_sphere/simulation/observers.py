@@ -350,11 +350,10 @@ class ProgressBar(Observer):
             warnings.simplefilter("ignore")  # notebooks without widgets show text instead
             from tqdm.auto import tqdm
         self._plan, self._days = plan, plan.time(plan.steps) / DAY
-        label = f"{snapshot.model.scene.name}  dt {plan.dt:.4g} s"
         with suppress(OSError):
             self._bar = tqdm(
-                total=plan.steps, initial=snapshot.steps, desc=label, unit="step", leave=False,
-                dynamic_ncols=True,
+                total=plan.steps, initial=snapshot.steps, unit="step", leave=False,
+                desc=f"{snapshot.model.scene.name}  dt {plan.dt:.4g} s", dynamic_ncols=True,
             )  # fmt: skip
 
     def tick(self, step: int) -> None:

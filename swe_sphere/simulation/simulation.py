@@ -506,8 +506,7 @@ class Simulation(errors.NotCopyable):
         continues = self._continues if self._continues and self._continues.exists() else None
         asked |= {"overwrite": overwrite or None, "restart": continues, "outputs": outputs}
         asked = {name: value for name, value in asked.items() if value is not None}
-        kept = self._configured.given()
-        kept = {k: v for k, v in kept.items() if k not in OF_ONE_RUN}
+        kept = {k: v for k, v in self._configured.given().items() if k not in OF_ONE_RUN}
         kept["outputs"] = self.config.outputs
         config = make_config(kept | asked)
         observers = read_callbacks(callbacks)
@@ -612,8 +611,7 @@ class Simulation(errors.NotCopyable):
         if known is None or known.steps != self.steps or (alone and not known.is_current()):
             state = self.model.initial_state() if self._stepper is None else self._stepper.state
             live = self._stepper is not None
-            known = Snapshot(self.model, state, self.time, self.steps, self, live)
-            self._snapshot = known
+            known = self._snapshot = Snapshot(self.model, state, self.time, self.steps, self, live)
         return known
 
     def release(self) -> None:
@@ -786,9 +784,8 @@ class Simulation(errors.NotCopyable):
         self.accept_since()
         HealthCheck(self).observe(self.snapshot)
         path = Path(path)
-        arrays = dict(self.restart_arrays())
         attributes = self.attributes() | ({"run_id": self.run_id} if self.run_id else {})
-        checkpoint = Checkpoint(arrays, self.steps, plain(attributes))
+        checkpoint = Checkpoint(dict(self.restart_arrays()), self.steps, plain(attributes))
 
         def write() -> None:
             with translate_errors(f"cannot write {path}", RunFailed):
@@ -879,9 +876,8 @@ def run_scene(
         if out is not None and config.plot is not None:
             picture = partial(_plotted, summary, out, config.plot, config.overwrite)
             summary = sim.comm.on_root(picture)
-    asked = {"out": None if config.out is None else str(config.out)}
-    total = {"total_seconds": time.perf_counter() - started}
-    return replace(summary, numbers={**summary.numbers, **asked, **total})
+    own = {"out": config.out and str(config.out), "total_seconds": time.perf_counter() - started}
+    return replace(summary, numbers={**summary.numbers, **own})
 
 
 def _plotted(summary: Summary, file: Path, picture: Path, overwrite: bool) -> Summary:

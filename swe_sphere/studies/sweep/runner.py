@@ -202,8 +202,7 @@ class Runner:
     def read(self, store: Store[RunRecord]) -> None:
         """Read the stored runs as known ones, and store new ones there."""
         self._store = store
-        runs = current(store.records, self._sources)
-        self._known = {(run.key, run.repeat): run for run in runs}
+        self._known = {(run.key, run.repeat): run for run in current(store.records, self._sources)}
 
     def known(self, spec: RunSpec, repeat: int = 0) -> RunRecord | None:
         """Return the record of a run that need not be repeated, or None.
@@ -320,10 +319,9 @@ class Evaluator:
         key = (space.mesh.ne, space.mesh.np)
         if key not in self._converged:
             study = self._study
-            at, settings = study.at(*key), space.config.scene_settings
-            setup = study.setup(at, STEPPER, settings=settings)
-            longest = 2.0 * PART * setup.stable_dt
-            twice = study.plan_steps(min(longest, study.interval), automatic=True)
+            setup = study.setup(study.at(*key), STEPPER, settings=space.config.scene_settings)
+            longest = min(2.0 * PART * setup.stable_dt, study.interval)
+            twice = study.plan_steps(longest, automatic=True)
             plans = [
                 replace(twice, dt=twice.dt / n, steps=n * twice.steps,
                         frame_steps=n * twice.frame_steps)

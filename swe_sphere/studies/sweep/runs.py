@@ -228,8 +228,7 @@ class Discretisation:
         own = kind.spectral_radii.__func__ is not Stepper.spectral_radii.__func__  # type: ignore[attr-defined]
         of = kind if own else Stepper, kind.splits_diffusion
         if of not in self._radii:
-            times = self.sim.limiting_times()
-            self._radii[of] = planning.run_radii(kind, self.sim.model, times)
+            self._radii[of] = planning.run_radii(kind, self.sim.model, self.sim.limiting_times())
         return planning.stability_limit(kind, self._radii[of])
 
 
@@ -293,8 +292,7 @@ class Study:
 
     def setup(self, space: Discretisation, stepper: str, **options: object) -> Setup:
         """Return a stepper on a mesh."""
-        chosen = {"stepper": stepper, **options}
-        return Setup(space.config.model_copy(update=chosen), space, self)
+        return Setup(space.config.model_copy(update={"stepper": stepper, **options}), space, self)
 
     def plan_steps(self, dt: float, automatic: bool = False) -> planning.RunPlan:
         """Return steps of at most dt [s] that meet all report times; ConfigError if no step does.
@@ -468,8 +466,7 @@ class RunSpec:
     @cached_property
     def config(self) -> RunConfig:
         """The configuration, complete: with the step and the length."""
-        changes = {"dt": self.dt, "days": self.setup.study.days}
-        return self.setup.config.model_copy(update=changes)
+        return self.setup.config.model_copy(update={"dt": self.dt, "days": self.setup.study.days})
 
     @property
     def report_days(self) -> tuple[float, ...]:
