@@ -68,8 +68,7 @@ LAYOUT_BYTES = 128
 def frame_fields(tracers: Iterable[str] = ()) -> dict[str, dict[str, str]]:
     """Return the fields of every frame of a run with those tracers, and their attributes."""
     about = {x: {"long_name": f"mixing ratio of tracer {x}", "units": "1"} for x in tracers}
-    ratios = {f"{TRACER}{name}": each for name, each in about.items()}
-    return {**VARIABLES["frames"], **ratios}
+    return {**VARIABLES["frames"], **{f"{TRACER}{x}": each for x, each in about.items()}}
 
 
 def frame_dataset(

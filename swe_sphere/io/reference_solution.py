@@ -155,9 +155,8 @@ class OnGrid:
         height: "h" or "surface"; the other one replaces it if the reference lacks it.
         """
         has = self._reference.fields.keys()
-        surface = ("surface" in has or {"h", "b"} <= has) and (
-            height == "surface" or "h" not in has
-        )
+        has_surface = "surface" in has or {"h", "b"} <= has
+        surface = has_surface and (height == "surface" or "h" not in has)
         names = {"h": "surface" if surface else "h"}
         names |= {"vorticity": "vorticity"} if "vorticity" in has else {}
         names |= {"v": "wind"} if {"u", "v"} <= has else {}
@@ -166,8 +165,7 @@ class OnGrid:
 
     def decorrelation(self, fields: Mapping[str, Array]) -> float:
         """Return 1 minus the correlation of the vorticity with that of the reference."""
-        pair = self.pair(fields, "vorticity")
-        covariance = np.cov(*pair, aweights=self._reference.area)
+        covariance = np.cov(*self.pair(fields, "vorticity"), aweights=self._reference.area)
         return 1.0 - float(covariance[0, 1]) / float(np.sqrt(covariance[0, 0] * covariance[1, 1]))
 
     def pair(self, fields: Mapping[str, Array], name: str) -> tuple[Array, Array]:

@@ -142,9 +142,8 @@ def draw_mesh(axes: GeoAxes, mesh: Mesh) -> None:
     lines = place(axes, mesh.lon[edges], mesh.lat[edges])
     longest = np.nan_to_num(np.abs(np.diff(lines, axis=1))).max(axis=(1, 2))
     whole = list(lines[longest < 0.25 * np.ptp(axes.projection.x_limits)])
-    axes.add_collection(
-        LineCollection(whole, colors="0.15", linewidths=0.35, alpha=0.6, zorder=3), autolim=False
-    )
+    drawn = LineCollection(whole, colors="0.15", linewidths=0.35, alpha=0.6, zorder=3)
+    axes.add_collection(drawn, autolim=False)
 
 
 def draw_winds(axes: GeoAxes, mesh: Mesh, fields: dict[str, Array], how: str) -> float:

@@ -243,7 +243,6 @@ class LivePicture:
         # three lines remain for the caption and the prompt
         width, height = min(self._console.width, 160), self._console.height - 3
         rows = max(2 * (min((width + 1) // 2, 2 * height) // 2), 4)
-        lon, lat = np.meshgrid(
-            np.linspace(-np.pi, np.pi, 2 * rows - 1), np.linspace(-0.5 * np.pi, 0.5 * np.pi, rows)
-        )
+        lat = np.linspace(-0.5 * np.pi, 0.5 * np.pi, rows)
+        lon, lat = np.meshgrid(np.linspace(-np.pi, np.pi, 2 * rows - 1), lat)
         return MapGrid(lon, lat, lon, lat)

@@ -48,12 +48,11 @@ class Row:
             return numbers  # refined in two ways
         ratio = math.log(self._fineness / self.before._fineness)
         old, new = self.before.measure.numbers, self.measure.numbers
-        orders = {
+        return {
             order: math.log(abs(a / b)) / ratio
             for name, order in ORDERS.items()
             if (a := old.get(name)) and (b := new.get(name))
-        }
-        return orders | numbers
+        } | numbers
 
     @property
     def _fineness(self) -> float:

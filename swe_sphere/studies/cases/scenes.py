@@ -111,8 +111,7 @@ def driven(alpha: float = np.pi / 4.0) -> Scene:
         north = np.sin(alpha) * np.sin(lat) * np.cos(lon) + np.cos(alpha) * np.cos(lat)
         return push * east, push * north, first(lon, lat) / doubling
 
-    effects = (*DYNAMICS, Forcing())
-    return _starting(exact, EMPTY, name="driven", effects=effects, forcing=forcing)
+    return _starting(exact, EMPTY, name="driven", effects=(*DYNAMICS, Forcing()), forcing=forcing)
 
 
 def _starting(exact: UnsteadyState, base: Scene, **values: Any) -> Scene:
