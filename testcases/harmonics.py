@@ -109,11 +109,8 @@ def legendre(degree: int, lat: Array) -> Iterator[tuple[Array, Array, Array]]:
     orders = _orders(degree, lat)
     zonal, first = next(orders), next(orders, np.empty((0, len(lat))))
     n = np.arange(1, degree + 1)[:, None]
-    yield (
-        zonal,
-        0.0 * zonal,
-        np.concatenate([0.0 * zonal[:1], np.sqrt(n * (n + 1.0)) * cos * first]),
-    )
+    slope = np.concatenate([0.0 * zonal[:1], np.sqrt(n * (n + 1.0)) * cos * first])
+    yield zonal, 0.0 * zonal, slope
     for m, q in enumerate(chain([first], orders) if degree else orders, start=1):
         n = np.arange(m, degree + 1)[:, None]
         slope = -n * sine * q
@@ -227,9 +224,8 @@ def random_streamfunction(
     degrees = np.arange(2.0, degree + 1.0)
     wanted = spectrum(degrees)
     wanted = 0.5 * speed**2 * wanted / wanted.sum()
-    energy = (
-        0.5 * degrees * (degrees + 1.0) / radius**2 * mean_squares(found)[2:]
-    )  # the mean of |v|²/2
+    # the mean of |v|²/2
+    energy = 0.5 * degrees * (degrees + 1.0) / radius**2 * mean_squares(found)[2:]
     found[2:] *= np.sqrt(wanted / energy)[:, None]
     return found
 

@@ -126,8 +126,7 @@ class TidalEquations:
         """
         force = np.zeros((3, self.degrees))
         force[1, : len(equilibrium)] = self.planet.gravity * equilibrium
-        matrix = frequency * np.eye(3 * self.degrees) - self._matrix
-        solution = np.linalg.solve(matrix, force.ravel())
+        solution = np.linalg.solve(frequency * np.eye(force.size) - self._matrix, force.ravel())
         return self._wave(frequency, np.asarray(solution, dtype=np.float64))
 
     def free(self, n: int) -> HoughWave:
