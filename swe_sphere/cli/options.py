@@ -46,11 +46,8 @@ def with_flags(
     """
 
     def give(function: F) -> F:
-        own = [
-            parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
-            for parameter in inspect.signature(function, eval_str=True).parameters.values()
-            if parameter.kind is not inspect.Parameter.VAR_KEYWORD
-        ]
+        known = inspect.signature(function, eval_str=True).parameters.values()
+        own = [x.replace(kind=x.KEYWORD_ONLY) for x in known if x.kind is not x.VAR_KEYWORD]
         names = [name for name in model.model_fields if name not in without]
         names.sort(key=lambda name: name not in model.__annotations__)  # inherited ones come last
         parameters = [*(_parameter(model, name, argument) for name in names), *own]

@@ -32,9 +32,8 @@ class EdgePenaltyOperator:
         at_edge = np.pad(np.zeros((mesh.mesh.np - 2,) * 2), 1, constant_values=1.0)
         gamma = strength[:, None, None] * at_edge
         weight = assemble(mesh.mesh, gamma * mesh.mesh.quadrature * mesh.mesh.jacobian)
-        self._mean_scale = mesh.scatter(
-            np.divide(1.0, weight * mesh.mesh.area, where=weight > 0.0, out=np.zeros_like(weight))
-        )
+        total, none = weight * mesh.mesh.area, np.zeros_like(weight)
+        self._mean_scale = mesh.scatter(np.divide(1.0, total, where=weight > 0.0, out=none))
         self._values, self._weak = mesh.local(2, types.value), mesh.local(2, types.value)
         self._means = wp.zeros(2 * mesh.size, dtype=mesh.real, device=mesh.device)
         given = {

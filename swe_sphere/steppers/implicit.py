@@ -83,10 +83,8 @@ class NewtonStages(StageSolver):
         # a large basis pays at large advective Courant numbers; it has the same size on any number
         # of ranks, so that they agree when to restart
         size = max(20, min(KRYLOV_SIZE, int(KRYLOV_MEMORY / (2 * 8 * space.global_size))))
-        self.newton = NewtonKrylov(
-            space, FlexibleGMRES(space, size), max_iterations=NEWTON_ITERATIONS,
-            max_krylov=2 * KRYLOV_SIZE,
-        )  # fmt: skip
+        gmres = FlexibleGMRES(space, size)
+        self.newton = NewtonKrylov(space, gmres, NEWTON_ITERATIONS, max_krylov=2 * KRYLOV_SIZE)
         self.counters |= {"rejected_steps": 0, "newton_iterations": 0}
         self._known = self.newton.nonlinearity
         self._masses = Masses(model.device_mesh)
