@@ -4,7 +4,7 @@ send for one right-hand side; rank 0 writes them as JSON.
 Argument: JSON of cases by mode, where a case is [scene, stepper, dt, steps, ne, np, settings]; one
 start serves all modes, as it takes longer than most cases.  Modes: "plain"; "as-gpu" takes the ways
 of GPUs on a CPU, "as-gpu reached" those of an MPI that reaches them; "small-basis" leaves GMRES
-little memory.
+little memory; "strips" cuts small parts into strips and writes how often these were launched.
 """
 
 import hashlib
@@ -14,6 +14,8 @@ from contextlib import contextmanager
 from unittest.mock import patch
 
 from swe_sphere import Simulation
+from swe_sphere.mesh import partition
+from swe_sphere.operators import device_mesh, strips
 from swe_sphere.operators.halo import Halo
 from swe_sphere.ranks.communicator import Communicator, world
 from swe_sphere.solvers import vector_space
@@ -45,11 +47,27 @@ def as_gpu(reached):
     ]
 
 
+launched = []
+"""The numbers of launches of all strips in the mode "strips"."""
+call = strips.StripLaunches.__call__
+
+
+def count(of):
+    launched.append(len(of._rows))
+    call(of)
+
+
 CHANGES = {
     "plain": [],
     "as-gpu": as_gpu(reached=False),
     "as-gpu reached": as_gpu(reached=True),
     "small-basis": [(implicit, "KRYLOV_MEMORY", 6e5)],
+    "strips": [
+        (partition, "RINGED", 0),
+        (strips, "NODES", 1),
+        (device_mesh, "LEAST_AWAY", 1),
+        (strips.StripLaunches, "__call__", count),
+    ],
 }
 """By mode: where, what and how it is otherwise."""
 
@@ -72,4 +90,5 @@ if __name__ == "__main__":
         with changed(mode):
             found[mode] = [fingerprint(*case) for case in cases]
     if world().rank == 0:
+        found["launched"] = len(launched)
         sys.stdout.write(json.dumps(found) + "\n")

@@ -182,6 +182,8 @@ MODES = {
     5: {"plain": SOME, "small-basis": LONG},
 }
 """By number of ranks: what they do, all of it once they have been started, which takes longer."""
+CUT = [[*case[:3], 5, 8, 4, case[6]] for case in (*EXPLICIT[:3], EXPLICIT[4], *SUMMING[:3])]
+"""Steps enough for recordings, which launch strips."""
 FEW = [EXPLICIT[0], SUMMING[2]]
 """Cases of two ranks in the tests that are not thorough."""
 
@@ -202,6 +204,13 @@ def found(mpi):
 def few(mpi):
     """Return what `ranks.py` prints for `FEW` on two ranks."""
     return fingerprints(2, {"plain": FEW})["plain"]
+
+
+@pytest.mark.parametrize("ranks", [1, 2, thorough(3)])
+def test_strips_away_from_the_rim_have_the_same_bits(mpi, ranks):
+    """Messages are in transit while the strips are computed."""
+    told = fingerprints(ranks, {"plain": CUT, "strips": CUT})
+    assert told["strips"] == told["plain"] and told["launched"] > 50
 
 
 def fingerprints(ranks, modes):

@@ -97,6 +97,10 @@ class MeshPart:
     """Element nodes whose values go to each neighbour."""
     receives: dict[int, int]
     """Number of values that come from each neighbour."""
+    interior_nodes: Integers
+    """(3,) number of nodes inside elements, on edges and at vertices that full chunks away from the
+    rim own, first among the nodes of their kind; without MPI all nodes. 0 in parts that fit into
+    the caches."""
     spans: Integers
     """(3, chunks, 2) begin and end of the nodes that each chunk owns inside elements, on edges
     and at vertices; chunks along the curve. Without MPI a span of all nodes, none if `is_mesh`."""
@@ -129,7 +133,8 @@ def check_ranks(ne: int, ranks: int) -> None:
 
 
 RINGED = 6 * 20**2 * 4**2
-"""Number of element nodes from which a mesh is computed in rings: the caches hold smaller ones."""
+"""Number of element nodes from which a part of a mesh is computed in strips, and a whole mesh
+in rings: the caches hold smaller ones."""
 
 
 def single_part(mesh: Mesh, shape: str) -> MeshPart:
@@ -138,12 +143,14 @@ def single_part(mesh: Mesh, shape: str) -> MeshPart:
     shape: launch shape of the kernels; with one thread per node the order is that of the mesh.
     """
     if shape == "element" and mesh.nodes.size >= RINGED:
-        everything = np.array([[[0, mesh.size]]])
-        return replace(Partition(mesh, 1, rings(mesh.ne)).part(0), spans=everything)
+        part, everything = Partition(mesh, 1, rings(mesh.ne)).part(0), np.array([[[0, mesh.size]]])
+        nodes = np.bincount(np.minimum(part.counts, 3))[1:]
+        whole = {"interior_elements": mesh.elements, "interior_nodes": nodes, "spans": everything}
+        return replace(part, **whole)
     return MeshPart(
         np.arange(mesh.elements), mesh.elements, np.arange(mesh.size), mesh.nodes,
-        np.diff(mesh.gather_offsets), mesh.gather_entries, {}, {}, np.zeros((3, 0, 2), int),
-        is_mesh=True,
+        np.diff(mesh.gather_offsets), mesh.gather_entries, {}, {}, np.zeros(3, int),
+        np.zeros((3, 0, 2), int), is_mesh=True,
     )  # fmt: skip
 
 
@@ -196,12 +203,14 @@ class Partition:
         chunk = self._owner[nodes]
         turn = np.where(self._rank_of_chunk[chunk] == rank, self._late[chunk], 2)
         order = np.lexsort((self._place[nodes], turn, self._kind[nodes]))
+        large = elements.size * self._points >= RINGED
+        inside = np.bincount(self._kind[nodes[(turn == 0) & large]], minlength=3)
         nodes, node_of = nodes[order], inverse_permutation(order)[inverse]
         contributors, sends, receives = self._messages(rank, elements, nodes)
         away = int(np.sum(self._lateness[elements] == 0))
         return MeshPart(
             elements, away, nodes, node_of, self._counts[nodes], contributors,
-            sends, receives, self._spans(rank, nodes),
+            sends, receives, inside, self._spans(rank, nodes),
         )  # fmt: skip
 
     def _messages(

@@ -76,6 +76,8 @@ class DeviceMesh(NotCopyable):
         """Exchanges between ranks by the address of the array."""
         self._stages: dict[tuple[int, int, float], Any] = {}
         self.places = functools.cache(self._find_places)
+        self._awaited: Halo | None = None
+        """Exchange with other ranks that `over_elements` has started and left in transit."""
         self.scratch = functools.cache(self.local)
         """Function like `local`, but operators share the field: read it before the next launch."""
 
@@ -262,41 +264,61 @@ class DeviceMesh(NotCopyable):
         if self.halos:
             self.halos[field.flat.ptr]()
 
-    def over_elements(self, field: Field, kernel: Any, threads: Any, *inputs: Any) -> None:
+    def over_elements(
+        self, field: Field, kernel: Any, threads: Any, *inputs: Any, wait: bool = True
+    ) -> None:
         """Launch a kernel, whose first argument is its first group of elements, over all elements.
 
         The kernel stores its results in `field`. Several ranks launch the groups on the rim first,
-        and exchange their results while the groups away from it are computed.
+        and exchange their results while the groups away from it are computed. wait: False if a
+        function of `over_nodes` reads the results; it waits for those of other ranks.
         """
-        if not self.halos:
-            self.launch(kernel, threads, 0, *inputs, cuts=self.cuts)
-            return
-        halo, away = self.halos[field.flat.ptr], self.part.interior_elements // self.lanes
-        away = away if away >= LEAST_AWAY else 0
-        each = threads[1:] if isinstance(threads, tuple) else ()
-        self.launch(kernel, (self.groups - away, *each), away, *inputs)
-        halo.start()
+        away, each = self.away, threads[1:] if isinstance(threads, tuple) else ()
+        if away < self.groups:
+            self.launch(kernel, (self.groups - away, *each), away, *inputs)
+        self._awaited = self.halos.get(field.flat.ptr)
+        if self._awaited is not None:
+            self._awaited.start()
         if away:
-            self.launch(kernel, (away, *each), 0, *inputs)
-        halo.wait()
+            whole = self.strips is None or (wait and self.comm.shared)
+            cuts = None if whole else self.strips.groups
+            self.launch(kernel, (away, *each), 0, *inputs, cuts=cuts)
+        if wait:
+            self.wait()
+
+    def wait(self) -> None:
+        """Wait for the values of other ranks that the last `over_elements` left in transit."""
+        if self._awaited is not None:
+            self._awaited.wait()
+            self._awaited = None
+
+    @functools.cached_property
+    def away(self) -> int:
+        """Number of groups of elements away from the rim; 0 if they are too few for a launch."""
+        if not self.comm.shared:
+            return self.groups
+        away = self.part.interior_elements // self.lanes
+        return away if away >= LEAST_AWAY else 0
 
     @property
     def cuts(self) -> Cuts | None:
-        """Cuts of launches over the elements into strips; None without `strips`."""
-        return None if self.strips is None else self.strips.groups
+        """Cuts of launches over all elements into strips; None without `strips` and under MPI."""
+        return None if self.strips is None or self.comm.shared else self.strips.groups
 
     @functools.cached_property
     def strips(self) -> Strips | None:
-        """Strips for launches; None on small meshes, under MPI and in the launch shape "node"."""
-        if self.lanes == 1 or self.comm.shared or self.part.is_mesh:
+        """Strips for launches away from the rim; None on small parts and in launch shape "node"."""
+        if self.lanes == 1 or not (self.away and self.part.interior_nodes.any()):
             return None
-        return Strips(self.part, self.lanes)
+        return Strips(self.part, self.away, self.lanes)
 
     def spans(self, begin: int = 0) -> list[Span]:
-        """Return the nodes from `begin` on: in one span, or those of each kind in strips."""
-        if self.strips is None:
-            return [Span(begin, self.size)]
-        return [Span(max(a, begin), b, s) for a, b, s in self.strips.spans if b > begin]
+        """Return the nodes from `begin` on: those of each kind in strips, and then the others."""
+        spans = [] if self.strips is None else self.strips.spans
+        ends = [end for _, end, _ in spans]
+        rest = zip(ends or [0], [*(a for a, _, _ in spans[1:]), self.size], strict=True)
+        spans = [*spans, *(Span(a, b) for a, b in rest)]
+        return [Span(max(a, begin), b, s) for a, b, s in spans if b > max(a, begin)]
 
     def over_nodes(
         self, kernel: Any, begin: int = 0, lanes: int | None = None, spans: Iterable[Span] = ()
@@ -305,6 +327,7 @@ class DeviceMesh(NotCopyable):
 
         A thread processes `lanes` numbers, by default those of a register, or one in the remainder
         of a span. The first argument of the kernel is its first number; callers give the others.
+        Values in transit from other ranks are awaited before the first span outside the strips.
         """
         runs, lanes = [], lanes or self.lanes
         for span in spans or self.spans(begin):
@@ -312,18 +335,21 @@ class DeviceMesh(NotCopyable):
             for n, a, b in (lanes, span.begin, whole), (1, whole, span.end):
                 if a < b:
                     made = specialise(kernel, Register(self.real, n)), (b - a) // n, a
-                    runs.append(functools.partial(self.launch, *made, cuts=span.cut(a, b, n)))
-        self.launch.load(*(run.args[0] for run in runs))
+                    runs.append((made, span.cut(a, b, n)))
+        self.launch.load(*(made[0] for made, _ in runs))
 
         def launch_all(*arguments: Any) -> None:
-            for run in runs:
-                run(*arguments)
+            for made, cuts in runs:
+                if cuts is None:
+                    self.wait()
+                self.launch(*made, *arguments, cuts=cuts)
+            self.wait()
 
         return launch_all
 
     def launch_over_fields(self, kernel: Any, numbers: int, *inputs: Any) -> None:
         """Launch a kernel, whose first argument is its first number, over fields (numbers,)."""
-        if self.strips is None:
+        if self.cuts is None:
             self.launch(kernel, numbers, 0, *inputs)
             return
         for field in range(0, numbers, self.size):

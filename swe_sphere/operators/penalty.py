@@ -61,9 +61,9 @@ class EdgePenaltyOperator:
         stage = mesh.stage_at(start, factor)
         geometry = self._geometry_of(stage)
         inputs = self._geometry, x, x, 0, 1, values.values, x
-        mesh.over_elements(values, self._derivatives, threads, *inputs)
+        mesh.over_elements(values, self._derivatives, threads, *inputs, wait=False)
         places = mesh.places(2)
         self._sum_means(places, self._mean_scale, *layout, values.flat, mesh.stage, means)
         inputs = geometry, means, means, 0, 1, weak.values, out
-        mesh.over_elements(weak, self._weak_form, threads, *inputs)
+        mesh.over_elements(weak, self._weak_form, threads, *inputs, wait=False)
         self._sum(places, mesh.inverse_area, *layout, weak.flat, stage, out)

@@ -7,10 +7,12 @@ together, strip by strip. A strip of elements reads nodes of strips up to `reach
 launch over elements therefore stays `reach` strips behind the launch before it, and a launch over
 nodes follows at once. At these distances no launch overwrites values that an earlier launch has yet
 to read, even if they share arrays, so that results have the same bits.
+
+On several ranks the strips cover elements away from the rim. Elements on the rim come before them,
+their results are exchanged meanwhile, and nodes that elements on the rim own come after them.
 """
 
 import ctypes
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -32,24 +34,26 @@ class Strips:
     at the same nodes in all number types.
     """
 
-    def __init__(self, part: MeshPart, lanes: int) -> None:
-        """Cut a part into strips; a group has `lanes` elements."""
-        elements, points = part.element_numbers.size, part.nodes[0].size
+    def __init__(self, part: MeshPart, groups: int, lanes: int) -> None:
+        """Cut the first `groups` of `lanes` elements, and the interior nodes, into strips."""
+        elements, points = min(groups * lanes, len(part.nodes)), part.nodes[0].size
         width = -(-NODES // (points * BLOCK)) * BLOCK
         strip = (np.arange(elements) // width)[:, None, None]
         numbers = np.arange(int(strip.max()) + 2)
-        first = np.full(part.node_numbers.size, numbers[-1])
-        np.minimum.at(first, part.nodes, strip)
+        first = np.full(part.node_numbers.size, numbers[-2])
+        nodes = part.nodes[:elements]
+        np.minimum.at(first, nodes, strip)
         ends = np.searchsorted(part.counts, [1, 2], side="right").tolist()
         self.spans: list[Span] = []
         """Nodes inside elements, on edges and at vertices."""
-        done = np.empty_like(first)
-        for begin, end in pairwise([0, *ends, part.node_numbers.size]):
+        done = np.full_like(first, numbers[-1])
+        for begin, count in zip([0, *ends], part.interior_nodes.tolist(), strict=True):
+            end = begin + count
             starts = np.searchsorted(first[begin:end], numbers)
             starts = np.minimum(begin + -(-starts // BLOCK) * BLOCK, end)
             self.spans.append(Span(begin, end, starts))
             done[begin:end] = np.searchsorted(starts, np.arange(begin, end), side="right") - 1
-        reach = int((strip - done[part.nodes]).max())
+        reach = int((strip - done[nodes]).max())
         self.groups = Cuts(-(-np.minimum(numbers * width, elements) // lanes), 0, 1, reach)
 
 

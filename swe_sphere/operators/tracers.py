@@ -41,7 +41,7 @@ class TracerTransport:
         mesh, local, count = self.mesh, self._local, self.count
         kernel, stage = kernel or self._kernel, mesh.stage if stage is None else stage
         arguments = self._geometry, wind, x, first, count, local.values, x
-        mesh.over_elements(local, kernel, mesh.threads(count), *arguments)
+        mesh.over_elements(local, kernel, mesh.threads(count), *arguments, wait=False)
         numbers = mesh.lanes, mesh.size, count, to
         self._assemble(self._places, mesh.inverse_area, *numbers, local.flat, stage, out)
 
@@ -127,7 +127,8 @@ class Limiter:
     def _limit(self, state: wp.array) -> None:
         mesh, chunks, (_, first) = self._mesh, self._mesh.chunks, self._offsets
         inputs = self._geometry, state, *self._offsets, self._count, *self._bounds
-        mesh.over_elements(self._local, self._inside, mesh.groups, *inputs, self._local.values)
+        inputs = *inputs, self._local.values
+        mesh.over_elements(self._local, self._inside, mesh.groups, *inputs, wait=False)
         parts = mesh.inverse_area, mesh.lanes, mesh.size, self._count, first, self._local.flat
         self._add(self._places, *parts, mesh.stage_at(state, 1.0), state)
         # the excess of the elements fills the room over the sphere

@@ -119,7 +119,7 @@ class Passes:
             mesh.over_elements(
                 local, self._transport, mesh.threads(self._mass_fields), self._geometry, wind,
                 self.mass_mix, self._first * size, self._mass_fields, local.values,
-                step if self._direct else out,
+                step if self._direct else out, wait=False,
             )  # fmt: skip
         self._sum_depth(
             self._node_geometry, mesh.places(self._mass_fields), mesh.lanes, self._mass_fields,
@@ -137,7 +137,7 @@ class Passes:
         if self._force is not None:
             done = step if self._direct else out
             inputs = self._force_geometry, self.wind_mix, self._local_wind.values, done
-            mesh.over_elements(self._local_wind, self._force, mesh.threads(), *inputs)
+            mesh.over_elements(self._local_wind, self._force, mesh.threads(), *inputs, wait=False)
         self._sum_wind(self._node_geometry, mesh.places(2), mesh.lanes, self._local_wind.flat, step)
 
     def _step_of(self, tau: float, levels: Levels, out: wp.array, weights: Any, depths: Any) -> Any:
