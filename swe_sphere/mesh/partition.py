@@ -143,10 +143,14 @@ def single_part(mesh: Mesh, shape: str) -> MeshPart:
     shape: launch shape of the kernels; with one thread per node the order is that of the mesh.
     """
     if shape == "element" and mesh.nodes.size >= RINGED:
-        part, everything = Partition(mesh, 1, rings(mesh.ne)).part(0), np.array([[[0, mesh.size]]])
-        nodes = np.bincount(np.minimum(part.counts, 3))[1:]
-        whole = {"interior_elements": mesh.elements, "interior_nodes": nodes, "spans": everything}
-        return replace(part, **whole)
+        part = Partition(mesh, 1, rings(mesh.ne)).part(0)
+        nodes, everything = (
+            np.bincount(np.minimum(part.counts, 3))[1:],
+            np.array([[[0, mesh.size]]]),
+        )
+        return replace(
+            part, interior_elements=mesh.elements, interior_nodes=nodes, spans=everything
+        )
     return MeshPart(
         np.arange(mesh.elements), mesh.elements, np.arange(mesh.size), mesh.nodes,
         np.diff(mesh.gather_offsets), mesh.gather_entries, {}, {}, np.zeros(3, int),

@@ -280,8 +280,7 @@ class DeviceMesh(NotCopyable):
         if self._awaited is not None:
             self._awaited.start()
         if away:
-            whole = self.strips is None or (wait and self.comm.shared)
-            cuts = None if whole else self.strips.groups
+            cuts = self.cuts if wait or self.strips is None else self.strips.groups
             self.launch(kernel, (away, *each), 0, *inputs, cuts=cuts)
         if wait:
             self.wait()
@@ -349,7 +348,7 @@ class DeviceMesh(NotCopyable):
 
     def launch_over_fields(self, kernel: Any, numbers: int, *inputs: Any) -> None:
         """Launch a kernel, whose first argument is its first number, over fields (numbers,)."""
-        if self.cuts is None:
+        if self.strips is None or self.comm.shared:
             self.launch(kernel, numbers, 0, *inputs)
             return
         for field in range(0, numbers, self.size):

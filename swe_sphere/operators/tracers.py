@@ -127,9 +127,9 @@ class Limiter:
     def _limit(self, state: wp.array) -> None:
         mesh, chunks, (_, first) = self._mesh, self._mesh.chunks, self._offsets
         inputs = self._geometry, state, *self._offsets, self._count, *self._bounds
-        inputs = *inputs, self._local.values
-        mesh.over_elements(self._local, self._inside, mesh.groups, *inputs, wait=False)
-        parts = mesh.inverse_area, mesh.lanes, mesh.size, self._count, first, self._local.flat
+        local = self._local
+        mesh.over_elements(local, self._inside, mesh.groups, *inputs, local.values, wait=False)
+        parts = mesh.inverse_area, mesh.lanes, mesh.size, self._count, first, local.flat
         self._add(self._places, *parts, mesh.stage_at(state, 1.0), state)
         # the excess of the elements fills the room over the sphere
         whole = self._area, state, *self._offsets, mesh.size, chunks.spans, *self._bounds
