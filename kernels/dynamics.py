@@ -19,20 +19,25 @@ from swe_sphere.kernels.terms import Terms, geometry, np_
 
 
 @functools.cache
-def transport(tangent: bool = False) -> Formula:
+def transport(tangent: bool = False, alone: bool = False) -> Formula:
     """Return the formula of -div(m V), with m = x[at:] and the wind V of a.
 
     The tangent is -div(m' V + m V'), with (V, m) of the state a and (V', m') of x. Both are
-    rounded as in `vector_invariant`.
+    rounded as in `vector_invariant`. alone: the kernel has one field m, so that the winds are
+    loaded with it.
     """
-    (winds, load_winds), first = winds_at(own=tangent, base=True), 2 * tangent
+    (winds, load_winds), first = winds_at(own=tangent, base=not alone), 2 * tangent
 
     @func
     def operands(geo: geometry, w: winds, a: vector, x: vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
         m = load_nodes(x, at, node)
-        fu = mul(m, w[first])
-        fv = mul(m, w[first + 1])
+        if wp.static(alone):
+            fu = mul(m, load_nodes(a, 0, node))
+            fv = mul(m, load_nodes(a, geo.size, node))
+        else:
+            fu = mul(m, w[first])
+            fv = mul(m, w[first + 1])
         if wp.static(tangent):
             mb = load_nodes(a, at, node)
             fu = mul(mb, w[0]) + fu
@@ -44,7 +49,7 @@ def transport(tangent: bool = False) -> Formula:
     def result(geo: geometry, w: winds, d1: single, d2: single, e: int, n: int):
         return row(-geo.weight[n // np_, n % np_] * divergence(d1[0], d2[0]))
 
-    return Formula(winds, load_winds, single, operands, result, 1)
+    return Formula(winds, load_winds, single, operands, result, 1, shares_winds=not alone)
 
 
 @func

@@ -21,18 +21,17 @@ The function multiplies the rows of a result by the inverse area and steps or st
 the first field of the result, `node` the number of the node in the first element of the group."""
 
 
-def element_sweep(
-    t: KernelTypes, f: Formula, finish: Finish = None, shared: bool = False
-) -> tuple[Any, Any]:
+def element_sweep(t: KernelTypes, f: Formula, finish: Finish = None) -> tuple[Any, Any]:
     """Return functions that apply the formula to the elements of a group e.
 
-    The first one, (geometry, a, x, e), loads winds that all fields share if `shared`. The second
-    one, (geometry, a, x, at, k, e, n, out, direct), then applies the formula to x[at:] and stores
-    fields in `out` from the k-th on; n is unused. `finish` stores inner nodes in `direct`.
+    The first one, (geometry, a, x, e), loads winds that all fields share. The second one,
+    (geometry, a, x, at, k, e, n, out, direct), then applies the formula to x[at:] and stores fields
+    in `out` from the k-th on; n is unused. `finish` stores inner nodes in `direct`.
     """
     (d1, d2), store = line_sums(t.np, f.rows), _store(f, finish)
     scalar, needs_winds, edges_only = f.is_scalar, f.needs_winds, f.edges_only
-    kind, kept, wind, operands, result = f.rows, f.winds, f.load_winds, f.operands, f.result
+    kind, kept, shared = f.rows, f.winds, f.shares_winds
+    wind, operands, result = f.load_winds, f.operands, f.result
     at_1, at_2, at_winds = scratch(t, kind, kind, kept)
 
     @func

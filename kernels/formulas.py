@@ -38,6 +38,8 @@ class Formula:
     """True if the same rows are differentiated along both coordinates."""
     needs_winds: bool = False
     """True if the result needs the winds."""
+    shares_winds: bool = False
+    """True if the winds are loaded once for all fields of a kernel, which pays off for several."""
     edges_only: bool = False
     """True if only results at the edges of elements are used."""
     fluxes: Any = None

@@ -73,12 +73,13 @@ def _finish_wind(geometry: Any, point: Any, damped: bool, shifted: bool = False)
 
 
 @functools.cache
-def carrying_kernel(t: KernelTypes, damped: bool) -> Any:
-    """Return the kernel (begin, geometry, a, x, first, count, out, levels) of `transport`.
+def carrying_kernel(t: KernelTypes, damped: bool, alone: bool) -> Any:
+    """Return the kernel (begin, geometry, a, x, first, count, out, levels) of `transport(alone)`.
 
     The kernel steps the masses at nodes inside the elements of the first `block_groups` groups.
     """
-    return field_kernel(t, transport(), _finish_mass(t.terms.unknowns, geometry, t.point, damped))
+    finish = _finish_mass(t.terms.unknowns, geometry, t.point, damped)
+    return field_kernel(t, transport(alone=alone), finish)
 
 
 @functools.cache

@@ -30,7 +30,7 @@ def tendency_kernels(t: KernelTypes, finish_of: Any = finish_rates) -> list[Any]
     """
     terms, formula, by_node = t.terms, _formula(t.terms), t.shape == "node"
     finish = functools.partial(finish_of, t) if t.point is not None else None
-    load_winds, sweep = _sweep(t, formula, finish and formula and finish(formula.fields))
+    _, sweep = _sweep(t, formula, finish and formula and finish(formula.fields))
     *fluxes, diffuse = [None]
     if terms.diffuses:
         *fluxes, diffuse = node_diffusion(t) if by_node else [element_diffusion(t, finish)]
@@ -47,8 +47,6 @@ def tendency_kernels(t: KernelTypes, finish_of: Any = finish_rates) -> list[Any]
 
     @func
     def add_terms(geo: geometry, x: vector, e: int, n: int, out: local, direct: output):
-        if wp.static(terms.dynamics and not by_node):
-            load_winds(geo, source(geo, x), x, e)
         if wp.static(terms.dynamics):
             sweep(geo, source(geo, x), x, 0, 0, e, n, out, direct)
         if wp.static(terms.diffuses):
@@ -74,7 +72,7 @@ def field_kernel(t: KernelTypes, formula: Formula, finish: Finish = None) -> Any
     The kernel handles the groups of elements from `begin` on, and `count` fields of x from the
     offset `first` on; only `finish` uses `direct`. Shape "node" has (E, count, np*np) threads.
     """
-    by_node, (load_winds, sweep) = t.shape == "node", _sweep(t, formula, finish, shared=True)
+    by_node, (load_winds, sweep) = t.shape == "node", _sweep(t, formula, finish)
 
     @kernel
     def over_fields_of_groups(
@@ -97,15 +95,13 @@ def field_kernel(t: KernelTypes, formula: Formula, finish: Finish = None) -> Any
     return specialise(over_fields if by_node else over_fields_of_groups, t)
 
 
-def _sweep(
-    t: KernelTypes, formula: Formula | None, finish: Finish, shared: bool = False
-) -> tuple[Any, Any]:
+def _sweep(t: KernelTypes, formula: Formula | None, finish: Finish) -> tuple[Any, Any]:
     """Return the functions of `element_sweep`; the shape "node" has none that loads winds."""
     if formula is None:
         return None, None
     if t.shape == "node":
         return None, node_sweep(t, formula)
-    return element_sweep(t, formula, finish, shared)
+    return element_sweep(t, formula, finish)
 
 
 def _formula(terms: Terms) -> Formula | None:
@@ -113,7 +109,7 @@ def _formula(terms: Terms) -> Formula | None:
     if not terms.dynamics:
         return None
     if terms.passive:
-        return transport()
+        return transport(alone=True)
     if terms.skew:
         return skew(terms)
     return tangent(terms) if terms.tangent else vector_invariant(terms)

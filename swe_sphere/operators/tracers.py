@@ -24,7 +24,7 @@ class TracerTransport:
     def __init__(self, mesh: DeviceMesh, count: int) -> None:
         self.mesh, self.count = mesh, count
         types = mesh.types()
-        self._kernel = field_kernel(types, transport(False))
+        self._kernel = field_kernel(types, transport(alone=count == 1))
         self._assemble = mesh.over_nodes(assemble_blocks)
         self._geometry = mesh.geometry(types.geometry)
         self._local, self._places = mesh.scratch(count, types.value), mesh.places(count)

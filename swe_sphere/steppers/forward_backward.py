@@ -75,7 +75,7 @@ class Passes:
         self._transport = None
         if direct:
             types = mesh.types(terms=Terms(passive=terms.passive, no_transport=True), **stepped)
-            self._transport = carrying_kernel(types, damped)
+            self._transport = carrying_kernel(types, damped, self._mass_fields == 1)
         elif terms.dynamics:
             self._transport = field_kernel(types, transport(terms.tangent))
         self._geometry = mesh.geometry(types.geometry, parameters)

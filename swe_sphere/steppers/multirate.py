@@ -166,7 +166,7 @@ class FastWaves:
         """State that is stepped: wind and depth, then tracers or mass flux."""
         self._winds, self._depth = 2 * n, self.state[2 * n : 3 * n]
         types, self._has_carried = mesh.types(), int(model.carried is not None)
-        kernels = [field_kernel(types, formula) for formula in (transport(), gradient)]
+        kernels = [field_kernel(types, formula) for formula in (transport(alone=True), gradient)]
         self._transport, self._slope = kernels
         self._geometry = mesh.geometry(types.geometry)
         self._divergence = mesh.scratch(1, types.value)
