@@ -285,7 +285,5 @@ def turbulence(
             )
         return u, v, depth
 
-    return build_scene(
-        "turbulence", effects=(*(ROTATING if rotating else DYNAMICS), Hyperviscosity(factor=30.0)),
-        initial=initial, planet=planet,
-    )  # fmt: skip
+    effects = (*(ROTATING if rotating else DYNAMICS), Hyperviscosity(factor=30.0))
+    return build_scene("turbulence", effects=effects, initial=initial, planet=planet)

@@ -5,8 +5,12 @@ import pty
 import subprocess
 import sys
 import time
+import weakref
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import warp as wp
 
@@ -17,6 +21,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.kernels import specialise
 from swe_sphere.kernels.vectors import ADDERS
 from swe_sphere.mesh import Mesh
+from swe_sphere.operators.huge_pages import PAGE, ChunkAllocator
 from swe_sphere.operators.launch import TEMPLATES, Launcher, keep_headers, warp_internals
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene
@@ -187,3 +192,31 @@ def test_what_was_compiled_for_another_processor_is_compiled_anew_and_told_of(tm
     for made in tmp_path.rglob("*.o"):
         made.rename(made.with_name(f"other_{made.name}"))
     assert told() == first
+
+
+def test_arrays_of_the_cpu_lie_in_huge_pages() -> None:
+    """If this fails, adapt `use_huge_pages` to Warp: its arrays lie in small pages again."""
+    Launcher("cpu")
+    allocator = wp.get_device("cpu").default_allocator
+    assert isinstance(allocator, ChunkAllocator)
+    arrays = [wp.zeros(n, dtype=wp.uint8, device="cpu") for n in (1, 100, 5 << 20, 40 << 20)]
+    addresses = [each.ptr for each in arrays]
+    assert all(address % 64 == 0 and address in allocator._chunks for address in addresses)
+    assert addresses[1] == addresses[0] + 64 and addresses[3] % PAGE == 0
+    for each in arrays:
+        each.fill_(7)
+    assert all((each.numpy() == 7).all() for each in arrays)
+    chunk = weakref.ref(allocator._chunks[addresses[3]])
+    del each, arrays
+    assert not allocator._chunks.keys() & set(addresses) and chunk() is None
+
+
+def test_many_threads_get_memory_of_their_own() -> None:
+    """Arrays that several threads allocate at the same time do not overlap."""
+    allocator = ChunkAllocator()
+    sizes = np.random.default_rng(1).integers(1, 300_000, 4000).tolist()
+    with ThreadPoolExecutor(8) as pool:
+        begins = list(pool.map(allocator.allocate, sizes))
+    ordered = sorted(zip(begins, sizes, strict=True))
+    assert all(a + n <= b for (a, n), (b, _) in pairwise(ordered))
+    assert len(set(begins)) == len(sizes)

@@ -178,8 +178,3 @@ def tracer_numbers(mesh: Mesh, fields: Fields, start: Mapping[str, float]) -> di
         numbers[f"mass_drift_q_{name}"] = (mass - first) / first if first else float("nan")
         numbers[f"min_q_{name}"], numbers[f"max_q_{name}"] = float(q.min()), float(q.max())
     return numbers
-
-
-def tracer_errors(mesh: Mesh, fields: Fields, exact: Mapping[str, Array]) -> dict[str, float]:
-    """Return l1_q_NAME, l2_q_NAME and linf_q_NAME of each tracer; NaN if `exact` contains NaN."""
-    return by_name({f"q_{x}": norms(mesh.area, fields[f"q_{x}"], exact[x]) for x in exact})

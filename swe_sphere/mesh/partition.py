@@ -98,9 +98,8 @@ class MeshPart:
     receives: dict[int, int]
     """Number of values that come from each neighbour."""
     interior_nodes: Integers
-    """(3,) number of nodes inside elements, on edges and at vertices that full chunks away from the
-    rim own, first among the nodes of their kind; without MPI all nodes. 0 in parts that fit into
-    the caches."""
+    """(3,) number of nodes of each kind that full chunks away from the rim own, numbered before the
+    others; without MPI all nodes. 0 in parts that fit into the caches."""
     spans: Integers
     """(3, chunks, 2) begin and end of the nodes that each chunk owns inside elements, on edges
     and at vertices; chunks along the curve. Without MPI a span of all nodes, none if `is_mesh`."""
@@ -144,13 +143,8 @@ def single_part(mesh: Mesh, shape: str) -> MeshPart:
     """
     if shape == "element" and mesh.nodes.size >= RINGED:
         part = Partition(mesh, 1, rings(mesh.ne)).part(0)
-        nodes, everything = (
-            np.bincount(np.minimum(part.counts, 3))[1:],
-            np.array([[[0, mesh.size]]]),
-        )
-        return replace(
-            part, interior_elements=mesh.elements, interior_nodes=nodes, spans=everything
-        )
+        nodes, whole = np.bincount(np.minimum(part.counts, 3))[1:], np.array([[[0, mesh.size]]])
+        return replace(part, interior_elements=mesh.elements, interior_nodes=nodes, spans=whole)
     return MeshPart(
         np.arange(mesh.elements), mesh.elements, np.arange(mesh.size), mesh.nodes,
         np.diff(mesh.gather_offsets), mesh.gather_entries, {}, {}, np.zeros(3, int),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array, inverse_permutation
 from swe_sphere.errors import ConfigError, NotCopyable
-from swe_sphere.kernels.define import REGISTER_BYTES, Register, lanes_of, specialise
+from swe_sphere.kernels.define import Register, lanes_of, specialise
 from swe_sphere.kernels.element import work_bytes
 from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors, in_two_runs
 from swe_sphere.kernels.simd.stages import stage_struct
@@ -76,8 +76,7 @@ class DeviceMesh(NotCopyable):
         """Exchanges between ranks by the address of the array."""
         self._stages: dict[tuple[int, int, float], Any] = {}
         self.places = functools.cache(self._find_places)
-        self._awaited: Halo | None = None
-        """Exchange with other ranks that `over_elements` has started and left in transit."""
+        self._awaited: Halo | None = None  # exchange that `over_elements` left in transit
         self.scratch = functools.cache(self.local)
         """Function like `local`, but operators share the field: read it before the next launch."""
 
@@ -144,7 +143,7 @@ class DeviceMesh(NotCopyable):
     @functools.cached_property
     def work(self) -> int:
         """Address of the work arrays of a group; kernels run one after the other and share it."""
-        self._work = self.aligned((work_bytes(self.mesh.np),), wp.uint8)
+        self._work = wp.zeros(work_bytes(self.mesh.np), dtype=wp.uint8, device=self.device)
         return int(self._work.ptr)
 
     @functools.cached_property
@@ -247,7 +246,7 @@ class DeviceMesh(NotCopyable):
     def unshared(self, unknowns: int, value: Any, blocks: int = 1) -> Field:
         """Return an array like that of `local`, but without messages to and from other ranks."""
         rows = blocks * self.rows // self.points
-        return self.field(self.aligned((rows, self.points, unknowns), value))
+        return self.field(wp.zeros((rows, self.points, unknowns), value, device=self.device))
 
     def register_exchange(
         self, flat: wp.array, sends: Mapping[int, Any], receives: Mapping[int, Any]
@@ -409,17 +408,8 @@ class DeviceMesh(NotCopyable):
         """Return numbers (..., lanes) on the device, lanes side by side; see `on_elements`."""
         scalar = scalar or self.real
         dtype = wp.types.vector(self.lanes, scalar) if self.lanes > 1 else scalar
-        array = self.aligned(values.shape[:-1], dtype)
+        array = wp.zeros(values.shape[:-1], dtype, device=self.device)
         array.assign(values.astype(wp.dtype_to_numpy(scalar)).reshape(array.numpy().shape))
-        return array
-
-    def aligned(self, shape: tuple[int, ...], dtype: Any) -> wp.array:
-        """Return zeros that begin at a cache line."""
-        count = math.prod(shape) * wp.types.type_size_in_bytes(dtype)
-        whole = wp.zeros(count + REGISTER_BYTES, dtype=wp.uint8, device=self.device)
-        begin = whole.ptr + -whole.ptr % REGISTER_BYTES
-        array = wp.array(ptr=begin, shape=shape, dtype=dtype, device=self.device)
-        array.kept = whole
         return array
 
     def scatter(self, values: Array) -> wp.array:

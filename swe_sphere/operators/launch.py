@@ -20,6 +20,7 @@ from swe_sphere.errors import ConfigError, NotCopyable
 from swe_sphere.kernels.define import specialise
 from swe_sphere.kernels.simd.shared_lines import block_threads
 from swe_sphere.kernels.vectors import ADDERS
+from swe_sphere.operators.huge_pages import use_huge_pages
 from swe_sphere.ranks.communicator import Communicator
 
 MOST_CACHED = 512
@@ -74,6 +75,7 @@ class Launcher(NotCopyable):
         self.device, self.comm = device, comm or Communicator()
         with self.comm.root_first():
             keep_headers()
+        use_huge_pages()
         self.compile_cpu_seconds = 0.0
         """CPU time of all threads spent compiling or loading kernels [s]."""
         self.compile_seconds = 0.0

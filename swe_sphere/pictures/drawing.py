@@ -118,9 +118,8 @@ class Drawing:
         dx, dy = 0.5 * (x[0, 1] - x[0, 0]), 0.5 * (y[1, 0] - y[0, 0])
         # matplotlib's method, because cartopy would resample an image beyond the edge of the globe
         image = Axes.imshow(
-            axes, values, cmap=self.colours, vmin=low, vmax=high, origin="lower",
-            interpolation="bilinear",
-            extent=(x[0, 0] - dx, x[0, -1] + dx, y[0, 0] - dy, y[-1, 0] + dy),
+            axes, values, cmap=self.colours, vmin=low, vmax=high, interpolation="bilinear",
+            extent=(x[0, 0] - dx, x[0, -1] + dx, y[0, 0] - dy, y[-1, 0] + dy), origin="lower",
         )  # fmt: skip
         notes = [self._contoured(axes, values, (low, high)), *self._overlaid(axes, time)]
         draw_graticule(axes, self.grid)

@@ -17,7 +17,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.files.user_file import call_custom, file_of, load_file
 from swe_sphere.io import integrals
-from swe_sphere.io.integrals import Fields, Norms, by_name
+from swe_sphere.io.integrals import Fields, Norms, by_name, norms
 from swe_sphere.io.layout import MESH_ATTRIBUTES, TOPOLOGY, VARIABLES
 from swe_sphere.io.scalar_fields import at_depth
 from swe_sphere.planet import DAY
@@ -89,7 +89,8 @@ class Snapshot:
             found |= by_name(flow_errors(model, fields, exact_fields(model, self.time)))
         if scene.exact_tracers is not None:
             exact = scene.exact_tracers(mesh.lon, mesh.lat, self.time)
-            found |= integrals.tracer_errors(mesh, fields, exact)
+            errors = {f"q_{x}": norms(mesh.area, fields[f"q_{x}"], exact[x]) for x in exact}
+            found |= by_name(errors)
         left_out = () if scene.wind is None else NAMES["of_free_winds"]
         return {name: value for name, value in found.items() if name not in left_out}
 
@@ -169,7 +170,7 @@ def slow_errors(model: Model, ours: Fields, theirs: Fields) -> Norms:
     area, f = model.mesh.area, model.coriolis
     mean = integrals.area_mean(area, theirs["h"])
     slow = (at_depth(state | {"f": f}, mean) for state in (ours, theirs))
-    return {"vorticity": integrals.norms(area, *slow)}
+    return {"vorticity": norms(area, *slow)}
 
 
 def reference_errors(reference: Reference, snapshot: Snapshot) -> Numbers:

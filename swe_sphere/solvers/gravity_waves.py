@@ -234,10 +234,9 @@ class GravityWaves:
             self.operator.to_field(guess, h)
             self.operator.to_nodes(h, self._h)
         size = self.space.norm(self._b)
-        result = self._krylov.solve(
-            self._system, self._b, self._h, self._precondition,
-            max(tolerance, target / (size or 1.0)), scale=size, guess=guess is not None,
-        )  # fmt: skip
+        rtol, has_guess = max(tolerance, target / (size or 1.0)), guess is not None
+        system = self._system, self._b, self._h, self._precondition
+        result = self._krylov.solve(*system, rtol, scale=size, guess=has_guess)
         self.space.match_mean(self._b, self._h, self._ones)
         self.operator.to_field(self._h, h)
         self.operator.substitute(r, h, out)

@@ -33,10 +33,8 @@ def strongest_advection(model: Model) -> float:
     mountain, which the initial state does not show. An unstable run counts until then.
     """
     mesh, scene = model.mesh, model.scene
-    small = Mesh.build(
-        min(mesh.ne, math.ceil(INTERVALS / (mesh.np - 1))), mesh.np, radius=mesh.radius,
-        stretch=mesh.stretch, centre=mesh.centre, spin=mesh.spin,
-    )  # fmt: skip
+    ne = min(mesh.ne, math.ceil(INTERVALS / (mesh.np - 1)))
+    small = Mesh.build(ne, mesh.np, mesh.radius, mesh.stretch, mesh.centre, mesh.spin)
     if model.tracers is not None:
         scene = scene.without_effect("tracers")
     coarse = Model(small, scene, model.device, model.precision, model.shape)

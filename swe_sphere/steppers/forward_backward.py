@@ -105,7 +105,7 @@ class Passes:
         levels: now, past; masses, depths: weights of (out, now, past) in the masses of `mass_mix`
         and in the depth of `wind_mix`.
         """
-        model, mesh, size = self._model, self._mesh, self._mesh.size
+        model, mesh, count, local = self._model, self._mesh, self._mass_fields, self._local_depth
         model.counters["rhs_evaluations"] += 1
         model.set_time(t)
         step = self._step_of(tau, levels, out, masses, depths)
@@ -115,16 +115,11 @@ class Passes:
             model.launch.combine(of_now, rate, tau, out=of_out)
         if self._transport is not None:
             wind = model.parameters.get("wind", self.wind_mix) if self._base is None else self._base
-            local = self._local_depth
-            mesh.over_elements(
-                local, self._transport, mesh.threads(self._mass_fields), self._geometry, wind,
-                self.mass_mix, self._first * size, self._mass_fields, local.values,
-                step if self._direct else out, wait=False,
-            )  # fmt: skip
-        self._sum_depth(
-            self._node_geometry, mesh.places(self._mass_fields), mesh.lanes, self._mass_fields,
-            self._local_depth.flat, step,
-        )  # fmt: skip
+            first, done = self._first * mesh.size, step if self._direct else out
+            inputs = self._geometry, wind, self.mass_mix, first, count, local.values, done
+            mesh.over_elements(local, self._transport, mesh.threads(count), *inputs, wait=False)
+        layout = self._node_geometry, mesh.places(count), mesh.lanes, count
+        self._sum_depth(*layout, local.flat, step)
 
     def step_wind(self, tau: float, levels: Levels, out: wp.array, winds: Any) -> None:
         """Set out = now + tau (rate of the wind at `wind_mix`), at the time of the last depth step.

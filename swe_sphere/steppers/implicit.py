@@ -277,10 +277,9 @@ class ImplicitStepper(VariableStepper):
         self._held = HeldPenalty(model, dt) if model.penalised and self.splits_penalty else None
         if self._held is not None:
             model = model.unpenalised(self._held.rate)
-        solver = solver or NewtonStages(
-            self.stage_model(model), self.solver_tolerance(tolerance), preconditioner,
-            self.equations,
-        )  # fmt: skip
+        if solver is None:
+            own, tolerance = self.stage_model(model), self.solver_tolerance(tolerance)
+            solver = NewtonStages(own, tolerance, preconditioner, self.equations)
         super().__init__(model, dt, solver)
         self.allocate()
 

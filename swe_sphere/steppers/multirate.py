@@ -202,16 +202,14 @@ class FastWaves:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
         inputs = self._geometry, s, rest, self._winds, 1, self._divergence.values, s
         mesh.over_elements(self._divergence, self._transport, mesh.threads(1), *inputs)
-        launch(
-            self._drift_kernel, mesh.size, mesh.places(1), mesh.inverse_area, mesh.size,
-            self._divergence.flat, tau, rate, s, self._has_carried, kept, self._path,
-        )  # fmt: skip
+        layout, local = (mesh.places(1), mesh.inverse_area, mesh.size), self._divergence.flat
+        carried = self._has_carried, kept, self._path
+        launch(self._drift_kernel, mesh.size, *layout, local, tau, rate, s, *carried)
 
     def _kick(self, rate: wp.array, tau: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
         inputs = self._geometry, s, self._depth, 0, 1, self._gradient.values, s
         mesh.over_elements(self._gradient, self._slope, mesh.threads(1), *inputs)
-        launch(
-            self._kick_kernel, mesh.size, mesh.places(2), mesh.inverse_area, mesh.lanes,
-            mesh.size, self._gradient.flat, self._model.scene.planet.gravity, tau, rate, s,
-        )  # fmt: skip
+        layout = mesh.places(2), mesh.inverse_area, mesh.lanes, mesh.size
+        local, gravity = self._gradient.flat, self._model.scene.planet.gravity
+        launch(self._kick_kernel, mesh.size, *layout, local, gravity, tau, rate, s)

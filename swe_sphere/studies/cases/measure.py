@@ -58,8 +58,7 @@ def measure(case: Case, tick: Tick | None = None) -> Measure:
     ended = attempt(lambda: METHODS[case.method](case, case.configured(), tick))
     return Measure(
         name=case.name, fingerprint=case.fingerprint, status=ended.status,
-        reason=ended.reason or "",
-        numbers=ended.numbers | {"seconds": time.perf_counter() - began},
+        reason=ended.reason or "", numbers=ended.numbers | {"seconds": time.perf_counter() - began},
     )  # fmt: skip
 
 
