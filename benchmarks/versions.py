@@ -3,8 +3,8 @@
     python benchmarks/versions.py [COMMIT] [--rounds N] [--pairs P] [--only NAMES]
 
 Each version runs in a separate process and takes steps on request, so that both versions see the
-same load of the machine.  Times depend on the placement of memory, by 20 % at ne16; therefore
-several pairs of processes are measured one after the other.  The script needs the git history.
+same load of the machine.  Times depend on the placement of memory, by 20 % at ne16; therefore each
+case is measured in several pairs of new processes.  The script needs the git history.
 """
 
 from __future__ import annotations
@@ -125,17 +125,15 @@ def measured(commit: str, rounds: int, pairs: int, names: list[str]) -> list[lis
     """Return a row for each of `CASES`; the version that goes first changes with the round."""
     cases = [case for case in CASES if case[0] in names or not names]
     times: dict[tuple[object, ...], list[list[tuple[float, float]]]] = {case: [] for case in cases}
-    for _ in range(pairs):
+    for case in pairs * cases:
         with version(commit) as old, version("HEAD") as new:
-            for case in cases:
-                times[case].append([])
-                for process in (old, new):
-                    seconds(process, case)
+            times[case].append([])
+            for process in (old, new):
+                seconds(process, case)
             for number in range(rounds):
-                for case in cases:
-                    order = (old, new) if number % 2 else (new, old)
-                    found = {process: seconds(process, case) for process in order}
-                    times[case][-1].append((found[old], found[new]))
+                order = (old, new) if number % 2 else (new, old)
+                found = {process: seconds(process, case) for process in order}
+                times[case][-1].append((found[old], found[new]))
     return [_row(case, of) for case, of in times.items()]
 
 
