@@ -127,3 +127,17 @@ def test_what_is_not_there_is_one_clear_line(dataset):
 def test_a_single_run_has_a_figure(dataset):
     axes = dataset.isel(run=0).sweep.plot_cost()
     assert axes.get_ylabel() == dataset.isel(run=[0]).sweep.plot_cost().get_ylabel()
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_family_without_values_has_an_empty_legend():
+    """Matplotlib warns of a legend for which it finds no curves itself."""
+    runs = [
+        {"stepper": name, "dt": dt, "errors": {("total", "h"): dt * 1e-6 if n > 3 else np.nan}}
+        for n, name in enumerate(MANY)
+        for dt in (100.0, 200.0, 300.0)
+    ]
+    runs += [run | {"stepper": f"{run['stepper']}-like"} for run in runs[-9:]]
+    panels = make_sweep(*runs).sweep.plot_cost(width=174.0).figure.axes
+    legends = {panel.get_legend().get_title().get_text(): labels(panel) for panel in panels}
+    assert legends["explicit"] == [] and len(legends["implicit"]) == 3
