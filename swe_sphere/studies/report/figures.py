@@ -170,8 +170,8 @@ class Curves(NamedTuple):
                 axes.hlines(heights, least, curve["most"], look["color"], linewidth=0.7)
             axes.plot(curve[x], heights, curve["line"].iloc[0], label=label, markersize=4.5,
                       linewidth=1.0, markeredgewidth=0.8, **look)  # fmt: skip
-        axes.legend(*axes.get_legend_handles_labels(), title=family, loc="upper left", alignment="left",
-                    bbox_to_anchor=(1.0, 1.02), fontsize="small", handlelength=2.2)  # fmt: skip
+        axes.legend(*axes.get_legend_handles_labels(), title=family, loc="upper left",
+                    handlelength=2.2, bbox_to_anchor=(1.0, 1.02), fontsize="small", alignment="left")  # fmt: skip
         clock = f"{next(iter(shown['clock']), 'time')} of the steps [s]"
         label = y if isinstance(y, str) else f"relative {y.kind_title}\n{y.symbol}"
         finish(axes, clock if x == "cost" else "Δt [s]", label)
