@@ -155,10 +155,9 @@ class Curves(NamedTuple):
             _mark_limits(axes, shown)
             for name, steps in runs[runs["status"].isin(BROKE_DOWN)].groupby("stepper")["dt"]:
                 if family in ("", known[name][0]):
-                    axes.plot(
-                        steps, [0.98] * len(steps), "x", color=known[name][1]["color"],
-                        markersize=4.0, transform=axes.get_xaxis_transform(),
-                    )  # fmt: skip
+                    colour, heights = known[name][1]["color"], [0.98] * len(steps)
+                    place = axes.get_xaxis_transform()
+                    axes.plot(steps, heights, "x", color=colour, markersize=4.0, transform=place)
         places = shown["stepper"].map([*known].index)
         for (_, label), curve in shown.sort_values("dt").groupby([places, "curve"]):
             (of, look), heights = known[curve["stepper"].iloc[0]], curve[y].clip(lower=SMALLEST)
@@ -170,8 +169,9 @@ class Curves(NamedTuple):
                 axes.hlines(heights, least, curve["most"], look["color"], linewidth=0.7)
             axes.plot(curve[x], heights, curve["line"].iloc[0], label=label, markersize=4.5,
                       linewidth=1.0, markeredgewidth=0.8, **look)  # fmt: skip
-        axes.legend(*axes.get_legend_handles_labels(), title=family, loc="upper left",
-                    handlelength=2.2, bbox_to_anchor=(1.0, 1.02), fontsize="small", alignment="left")  # fmt: skip
+        curves = axes.get_legend_handles_labels()
+        axes.legend(*curves, title=family, loc="upper left", bbox_to_anchor=(1.0, 1.02),
+                    fontsize="small", handlelength=2.2, alignment="left")  # fmt: skip
         clock = f"{next(iter(shown['clock']), 'time')} of the steps [s]"
         label = y if isinstance(y, str) else f"relative {y.kind_title}\n{y.symbol}"
         finish(axes, clock if x == "cost" else "Δt [s]", label)
