@@ -4,7 +4,8 @@ send for one right-hand side; rank 0 writes them as JSON.
 Argument: JSON of cases by mode, where a case is [scene, stepper, dt, steps, ne, np, settings]; one
 start serves all modes, as it takes longer than most cases.  Modes: "plain"; "as-gpu" takes the ways
 of GPUs on a CPU, "as-gpu reached" those of an MPI that reaches them; "small-basis" leaves GMRES
-little memory; "strips" cuts small parts into strips and writes how often these were launched.
+little memory; "strips" cuts small parts into strips and writes how often these were launched,
+"mixed" those of rank 0 alone.
 """
 
 import hashlib
@@ -62,6 +63,11 @@ CHANGES = {
     "as-gpu": as_gpu(reached=False),
     "as-gpu reached": as_gpu(reached=True),
     "small-basis": [(implicit, "KRYLOV_MEMORY", 6e5)],
+    "mixed": [
+        (partition, "RINGED", 0),
+        (strips, "NODES", 1),
+        (device_mesh, "LEAST_AWAY", 1 if world().rank == 0 else 10**9),
+    ],
     "strips": [
         (partition, "RINGED", 0),
         (strips, "NODES", 1),

@@ -215,8 +215,11 @@ def test_many_threads_get_memory_of_their_own() -> None:
     """Arrays that several threads allocate at the same time do not overlap."""
     allocator = ChunkAllocator()
     sizes = np.random.default_rng(1).integers(1, 300_000, 4000).tolist()
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
     with ThreadPoolExecutor(8) as pool:
         begins = list(pool.map(allocator.allocate, sizes))
+    sys.setswitchinterval(interval)
     ordered = sorted(zip(begins, sizes, strict=True))
     assert all(a + n <= b for (a, n), (b, _) in pairwise(ordered))
     assert len(set(begins)) == len(sizes)

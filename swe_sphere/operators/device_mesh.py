@@ -16,8 +16,9 @@ from swe_sphere.kernels.define import Register, lanes_of, specialise
 from swe_sphere.kernels.element import work_bytes
 from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors, in_two_runs
 from swe_sphere.kernels.simd.stages import stage_struct
+from swe_sphere.kernels.simd.strips import sweep_strips
 from swe_sphere.kernels.terms import KernelTypes, kernel_types
-from swe_sphere.mesh import Mesh
+from swe_sphere.mesh import Mesh, partition
 from swe_sphere.mesh.cubed_sphere import BLOCK
 from swe_sphere.mesh.partition import MeshPart, Partition, single_part
 from swe_sphere.operators.chunks import Chunks
@@ -306,9 +307,11 @@ class DeviceMesh(NotCopyable):
     @functools.cached_property
     def strips(self) -> Strips | None:
         """Strips for launches away from the rim; None on small parts and in launch shape "node"."""
-        if self.lanes == 1 or not (self.away and self.part.interior_nodes.any()):
-            return None
-        return Strips(self.part, self.away, self.lanes)
+        is_large = self.lanes > 1 and self.mesh.nodes.size >= partition.RINGED
+        if is_large:  # all ranks load the kernel together, although some may have no strips
+            (self.launch.sweep,) = self.launch.compile(wp.float64, sweep_strips)
+        is_cut = is_large and self.away and self.part.interior_nodes.any()
+        return Strips(self.part, self.away, self.lanes) if is_cut else None
 
     def spans(self, begin: int = 0) -> list[Span]:
         """Return the nodes from `begin` on: those of each kind in strips, and then the others."""

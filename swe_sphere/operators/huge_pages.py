@@ -17,7 +17,7 @@ LINE, PAGE, CHUNK = 64, 1 << 21, 1 << 24
 class ChunkAllocator:
     """Allocator of a Warp device that cuts arrays from chunks, which begin at a huge page.
 
-    Arrays begin at a cache line. A chunk is released with its last array.
+    Arrays begin at a cache line. Full chunks are released with their last array.
     """
 
     deallocate_requires_context_guard = False

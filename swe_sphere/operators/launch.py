@@ -80,6 +80,7 @@ class Launcher(NotCopyable):
         """CPU time of all threads spent compiling or loading kernels [s]."""
         self.compile_seconds = 0.0
         """Wall time spent compiling or loading kernels [s]."""
+        self.sweep: Any = None  # the kernel that launches strips, see `DeviceMesh.strips`
         self.records = True
         """True if repeated launches are recorded and launched as a whole, see `Replay`."""
         self.defer: Callable[[tuple[Any, ...], Cuts], None] | None = None

@@ -6,10 +6,9 @@ strip, and they follow one another in memory. Consecutive launches over elements
 together, strip by strip. A strip of elements reads nodes of strips up to `reach` further on. Each
 launch over elements therefore stays `reach` strips behind the launch before it, and a launch over
 nodes follows at once. At these distances no launch overwrites values that an earlier launch has yet
-to read, even if they share arrays, so that results have the same bits.
-
-On several ranks the strips cover elements away from the rim. Elements on the rim come before them,
-their results are exchanged meanwhile, and nodes that elements on the rim own come after them.
+to read, even if they share arrays, so that results have the same bits. On several ranks the strips
+cover elements away from the rim. Elements on the rim come before them, their results are exchanged
+meanwhile, and nodes that elements on the rim own come after them.
 """
 
 import ctypes
@@ -18,7 +17,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from swe_sphere.kernels.simd.strips import sweep_strips
 from swe_sphere.mesh.cubed_sphere import BLOCK
 from swe_sphere.mesh.partition import MeshPart
 from swe_sphere.operators.launch import Cuts, Launcher, Span
@@ -84,9 +82,8 @@ class StripLaunches:
 
     def __call__(self) -> None:
         if self._command is None:
-            (kernel,) = self._launch.compile(wp.float64, sweep_strips)
             table = wp.array(np.array(self._rows, np.uint64), dtype=wp.uint64, device="cpu")
             inputs = [table, self._strips]
-            self._command = wp.launch(kernel, 1, inputs, device="cpu", record_cmd=True)
+            self._command = wp.launch(self._launch.sweep, 1, inputs, device="cpu", record_cmd=True)
             self._kept.append(table)
         self._command.launch()

@@ -125,9 +125,8 @@ class Limiter:
             self._replay(state.ptr, self._limit, state)
 
     def _limit(self, state: wp.array) -> None:
-        mesh, chunks, (_, first) = self._mesh, self._mesh.chunks, self._offsets
+        mesh, chunks, (_, first), local = self._mesh, self._mesh.chunks, self._offsets, self._local
         inputs = self._geometry, state, *self._offsets, self._count, *self._bounds
-        local = self._local
         mesh.over_elements(local, self._inside, mesh.groups, *inputs, local.values, wait=False)
         parts = mesh.inverse_area, mesh.lanes, mesh.size, self._count, first, local.flat
         self._add(self._places, *parts, mesh.stage_at(state, 1.0), state)
