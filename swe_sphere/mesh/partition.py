@@ -82,7 +82,7 @@ class MeshPart:
     element_numbers: Integers
     """(e,) numbers in the mesh, chunk by chunk: full chunks away from the rim, then the others."""
     interior_elements: int
-    """Number of elements in full chunks away from the rim, which share no node with other ranks."""
+    """Number of elements in full chunks that share no node with other ranks; without MPI of all."""
     node_numbers: Integers
     """(n,) numbers in the mesh: nodes inside elements, on edges, at vertices, each in the order of
     the elements, nodes of other ranks last; on large meshes in blocks of BLOCK elements."""
