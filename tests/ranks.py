@@ -49,7 +49,7 @@ def as_gpu(reached):
 
 
 launched = []
-"""The numbers of launches of all strips in the mode "strips"."""
+"""Number of launches in each pass over strips in the mode "strips"."""
 call = strips.StripLaunches.__call__
 
 

@@ -142,7 +142,11 @@ def test_limit_falls_with_the_wind(name: str) -> None:
     """Of the same spectral radius; on winds alone the limits are those of AB3 and of RK3."""
     cls = STEPPERS[name]
     limits = [cls.stable_dt(SpectralRadii(1.0, 0.0, wind)) for wind in (0.0, 0.15, 0.2)]
-    assert limits[0] == cls.stable_dt(SpectralRadii(1.0)) and max(limits[1:]) <= limits[0]
+    assert limits[0] == cls.stable_dt(SpectralRadii(1.0))
+    if name == "fb-rk3":  # rotation limits it at rest
+        assert 2.37 < limits[1] < limits[2] == pytest.approx(limits[0], rel=1e-3)
+    else:
+        assert limits[2] < limits[1] < limits[0]
     alone = {"forward-backward": 0.724, "fb-rk3": 3.0**0.5}
     assert cls.stable_dt(SpectralRadii(1.0, 0.0, 1.0)) == pytest.approx(alone[name], rel=1e-2)
 
@@ -157,7 +161,7 @@ def test_coefficients_for_strong_winds_are_taken_where_they_allow_longer_steps()
 
 @pytest.mark.parametrize("share", [0.02, 0.1, 0.2, 0.3, 0.5])
 def test_fb_rk3_amplifies_no_wave_in_winds_up_to_the_speed_of_waves(share: float) -> None:
-    """With other published weights, some waves grew at any step in winds above 0.15 c."""
+    """Other published weights amplify some wave at any step in winds above 0.15 c."""
     limit = ForwardBackwardRK3.stable_dt(SpectralRadii(1.0, 0.0, share))
     for dt in limit * np.linspace(0.05, 0.99, 20):
         wave, wind = 1j * dt * (1.0 - share), 1j * dt * share * np.linspace(-1.0, 1.0, 21)

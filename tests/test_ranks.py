@@ -183,7 +183,7 @@ MODES = {
 }
 """By number of ranks: what they do, all of it once they have been started, which takes longer."""
 CUT = [[*case[:3], 5, 8, 4, case[6]] for case in (*EXPLICIT[:3], EXPLICIT[4], *SUMMING[:3])]
-"""Steps enough for recordings, which launch strips."""
+"""Cases with enough steps for recordings, which launch strips."""
 FEW = [EXPLICIT[0], SUMMING[2]]
 """Cases of two ranks in the tests that are not thorough."""
 

@@ -92,8 +92,8 @@ def growth(name: str, model: Model, dt: float, steps: int) -> float:
 def test_the_limit_is_a_limit(name: str, nu: float) -> None:
     """Three per cent below the limit nothing grows; ten above all does that viscosity lets.
 
-    Multirate steps are limited by the Coriolis force here, of which they know the size alone, and
-    those of fb-rk3 by faster rotation.
+    Multirate steps are limited by the Coriolis force here, of which they know the size alone. The
+    limit of fb-rk3 leaves room for faster rotation.
     """
     model = Model(Mesh.build(2, 4), make_scene(*WAVES).with_effect(Viscosity(nu)))
     rest = model.device_mesh.upload(states(model)["rest"])
@@ -101,8 +101,9 @@ def test_the_limit_is_a_limit(name: str, nu: float) -> None:
     limit = STEPPERS[name].stable_dt(spectrum)
     multirate = name.startswith("mis")
     assert growth(name, model, 0.97 * limit, 600) < (4.0 if multirate else 3.0)
-    if not nu and not multirate and name != "fb-rk3":
-        assert growth(name, model, 1.1 * limit, 600) > 1e6
+    if not nu and not multirate:
+        above = 1.15 if name == "fb-rk3" else 1.1
+        assert growth(name, model, above * limit, 600) > 1e6
 
 
 def test_one_stage_of_diffusion_is_borne_at_the_limit() -> None:

@@ -314,11 +314,8 @@ class DeviceMesh(NotCopyable):
         return Strips(self.part, self.away, self.lanes) if is_cut else None
 
     def spans(self, begin: int = 0) -> list[Span]:
-        """Return the nodes from `begin` on: those of each kind in strips, and then the others."""
-        spans = [] if self.strips is None else self.strips.spans
-        ends = [end for _, end, _ in spans]
-        rest = zip(ends or [0], [*(a for a, _, _ in spans[1:]), self.size], strict=True)
-        spans = [*spans, *(Span(a, b) for a, b in rest)]
+        """Return the nodes from `begin` on: in one span, or as `Strips.spans`."""
+        spans = [Span(0, self.size)] if self.strips is None else self.strips.spans
         return [Span(max(a, begin), b, s) for a, b, s in spans if b > max(a, begin)]
 
     def over_nodes(

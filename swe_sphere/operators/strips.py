@@ -41,16 +41,17 @@ class Strips:
         first = np.full(part.node_numbers.size, numbers[-2])
         nodes = part.nodes[:elements]
         np.minimum.at(first, nodes, strip)
-        ends = np.searchsorted(part.counts, [1, 2], side="right").tolist()
+        stops = [*np.searchsorted(part.counts, [1, 2], side="right").tolist(), part.counts.size]
         self.spans: list[Span] = []
-        """Nodes inside elements, on edges and at vertices."""
+        """Nodes inside elements, on edges and at vertices, in strips; then those in no strip."""
         done = np.full_like(first, numbers[-1])
-        for begin, count in zip([0, *ends], part.interior_nodes.tolist(), strict=True):
+        for begin, count in zip([0, *stops[:2]], part.interior_nodes.tolist(), strict=True):
             end = begin + count
             starts = np.searchsorted(first[begin:end], numbers)
             starts = np.minimum(begin + -(-starts // BLOCK) * BLOCK, end)
             self.spans.append(Span(begin, end, starts))
             done[begin:end] = np.searchsorted(starts, np.arange(begin, end), side="right") - 1
+        self.spans += [Span(s.end, b) for s, b in zip(self.spans, stops, strict=True) if s.end < b]
         reach = int((strip - done[nodes]).max())
         self.groups = Cuts(-(-np.minimum(numbers * width, elements) // lanes), 0, 1, reach)
 

@@ -116,8 +116,9 @@ def run_sweep(
     with locked(folder), ExitStack() as stack:
         gc.freeze()  # so that collections between runs skip older objects
         stack.callback(gc.unfreeze)
+        work = Sweep(plan, folder, watcher or SweepWatcher(), own)
         try:
-            Sweep(plan, folder, watcher or SweepWatcher(), own).run()
+            work.run()
         except Interrupted:
             with suppress(ConfigError):  # no run is finished
                 write_dataset(folder)
