@@ -94,8 +94,6 @@ def _kind(annotation: Any, repeated: bool) -> tuple[Any, str | None]:
     if origin is tuple:
         return str, LIST if inside[-1] is ... else None
     kinds = [_kind(each, repeated) for each in inside if each is not type(None)]
-    if len(kinds) == 1:
+    if len(kinds) == 1:  # of several, the configuration distinguishes numbers and words
         return kinds[0]
-    if kinds:  # a number or a word: the configuration distinguishes them
-        return str, None
     return (annotation if annotation in (bool, int, float, Path) else str), None

@@ -87,13 +87,9 @@ def _run(config: RunConfig) -> Summary:
     is_plain = not (config.quiet or config.as_json or config.live)
     has_bar = is_plain and sys.stderr.isatty()
     level = logging.INFO if is_plain and not has_bar else logging.DEBUG
-    progress: list[Observer] = [LogLines(level)]
-    if world().rank:
-        progress = []
-    elif has_bar:
-        progress.append(ProgressBar())
+    progress: list[Observer] = [LogLines(level), *([ProgressBar()] if has_bar else [])]
     try:
-        summary = run_scene(config, progress, LOGGER.warning)
+        summary = run_scene(config, [] if world().rank else progress, LOGGER.warning)
     except KeyboardInterrupt:
         raise Interrupted("interrupted by Ctrl-C") from None
     if world().rank == 0:

@@ -153,10 +153,8 @@ def mesh_attributes(mesh: Mesh) -> dict[str, Any]:
 
 def _on_nodes(mesh: Mesh, bottom: ArrayLike, coriolis: ArrayLike) -> dict[str, Any]:
     """Return the coordinates of the nodes, and the constant fields."""
-    values = {
-        "lat": np.degrees(mesh.lat), "lon": np.degrees(mesh.lon), "b": bottom, "f": coriolis,
-        "area": mesh.area,
-    }  # fmt: skip
+    lat, lon = np.degrees((mesh.lat, mesh.lon))
+    values = {"lat": lat, "lon": lon, "b": bottom, "f": coriolis, "area": mesh.area}
     return {
         name: ("node", np.full(mesh.size, values[name], float), {**about})
         for name, about in (VARIABLES["coordinates"] | VARIABLES["constants"]).items()

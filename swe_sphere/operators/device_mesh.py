@@ -70,6 +70,12 @@ class DeviceMesh(NotCopyable):
         self.lanes = lanes_of(real) if shape == "element" else 1
         self.groups = -(-self.elements // self.lanes)
         self.numpy_real = np.dtype(wp.dtype_to_numpy(real))
+        self.derivative = self.upload(mesh.derivative)
+        """Derivative matrix of the GLL nodes."""
+        self.weight = self.upload(mesh.quadrature)
+        """Products of GLL weights (np, np)."""
+        self.stage = stage_struct(real)()
+        """Stage that is not `on`: rates are stored unchanged."""
         received = -(-sum(part.receives.values()) // self.lanes)
         self.rows = (self.groups + 1 + -(-received // self.points)) * self.points
         """Number of rows in a local field: element nodes, an empty group, and received values."""
@@ -118,16 +124,6 @@ class DeviceMesh(NotCopyable):
         return self.on_elements(1.0 / self.mesh.jacobian[self.part.element_numbers])
 
     @functools.cached_property
-    def derivative(self) -> wp.array:
-        """Derivative matrix of the GLL nodes."""
-        return self.upload(self.mesh.derivative)
-
-    @functools.cached_property
-    def weight(self) -> wp.array:
-        """Products of GLL weights (np, np)."""
-        return self.upload(self.mesh.quadrature)
-
-    @functools.cached_property
     def inner(self) -> int:
         """Number of nodes inside the elements of `block_groups`, which are numbered first."""
         return self.block_groups * self.lanes * (self.mesh.np - 2) ** 2
@@ -151,11 +147,6 @@ class DeviceMesh(NotCopyable):
     def fluxes(self) -> wp.array:
         """Array for the fluxes of diffused fields, in the launch shape "node"."""
         return self.unshared(4, self.real).values
-
-    @functools.cached_property
-    def stage(self) -> Any:
-        """Stage that is not `on`: rates are stored unchanged."""
-        return stage_struct(self.real)()
 
     def stage_at(self, start: wp.array, tau: float) -> Any:
         """Return the stage that stores start + tau rate, the same object for the same arguments."""

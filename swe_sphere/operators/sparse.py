@@ -109,14 +109,11 @@ def _lines(mesh: Mesh) -> Array:
 
 def _derivatives(mesh: Mesh, along_1: Array, along_2: Array) -> scipy.sparse.csr_array:
     """Return DSS (N, N) of along_1 D1 + along_2 D2, with weighted coefficients (E, np, np)."""
-    d, n = mesh.derivative, mesh.np
-    shape = (2, mesh.elements, n, n, n)
-    values, columns = np.empty(shape), np.empty(shape, dtype=np.int32)
-    np.multiply(along_1[..., None], d[None, :, None, :], out=values[0])
-    np.multiply(along_2[..., None], d[None, None, :, :], out=values[1])
-    columns[0] = mesh.nodes.transpose(0, 2, 1)[:, None, :, :]
-    columns[1] = mesh.nodes[:, :, None, :]
-    index = (np.broadcast_to(mesh.nodes[..., None], shape).ravel(), columns.ravel())
+    d, nodes = mesh.derivative, mesh.nodes
+    values = np.stack([along_1[..., None] * d[:, None], along_2[..., None] * d])
+    lines = nodes.swapaxes(1, 2)[:, None], nodes[:, :, None]
+    columns = np.stack([np.broadcast_to(line, values.shape[1:]) for line in lines])
+    index = (np.broadcast_to(nodes[..., None], values.shape).ravel(), columns.ravel())
     found = scipy.sparse.coo_array((values.ravel(), index), (mesh.size, mesh.size))
     return _over_area(mesh, found.tocsr())
 

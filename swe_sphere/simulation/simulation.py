@@ -551,18 +551,15 @@ class Simulation(errors.NotCopyable):
 
         Raises the errors of `Recorder`, and Unstable for a state that must not be written.
         """
-        config, files = self.config, list[Recorder]()
-        wanted: list[Output | None] = [*config.outputs]
-        if self.steps and (config.out or wanted):
+        config, out, files = self.config, self.config.out, list[Recorder]()
+        wanted: list[Output | None] = [*([None] if out else []), *config.outputs]
+        if self.steps and wanted:
             HealthCheck(self).observe(self.snapshot)  # no spoilt state replaces the last good one
-        if config.out is not None:
-            wanted.insert(0, None)
-            if config.overwrite and self.steps and self._continues == config.out.resolve():
-                day = f"{self.time / DAY:.4g}"
-                self.warn(
-                    f"out: {config.out} is replaced and begins at day {day}: leave overwrite"
-                    " out to continue the file, or call reset() before run()"
-                )
+        if out and config.overwrite and self.steps and self._continues == out.resolve():
+            self.warn(
+                f"out: {out} is replaced and begins at day {self.time / DAY:.4g}: leave overwrite"
+                " out to continue the file, or call reset() before run()"
+            )
         with ExitStack() as opened:
             for output in wanted:
                 files.append(Recorder(self, output))
@@ -570,8 +567,8 @@ class Simulation(errors.NotCopyable):
             for file in files:
                 file.write_first()
             opened.pop_all()
-        if config.out is not None:
-            self._continues = config.out.resolve()
+        if out:
+            self._continues = out.resolve()
         return files
 
     def _warn(self, text: str) -> None:
@@ -674,10 +671,8 @@ class Simulation(errors.NotCopyable):
                 numbers["reference"] = reference.path.name
         if (cuts := getattr(self._stepper, "cuts", None)) is not None:
             numbers["cuts"] = list(cuts)
-        changes = [(dt, now) for (*_, old), (_, now, dt) in pairwise(self._lengths) if dt != old]
-        if changes:
-            words = [f"{dt:.6g} s from day {now / DAY:.6g} on" for dt, now in changes]
-            numbers["step_changes"] = words
+        if changes := [(dt, t) for (*_, old), (_, t, dt) in pairwise(self._lengths) if dt != old]:
+            numbers["step_changes"] = [f"{dt:.6g} s from day {t / DAY:.6g} on" for dt, t in changes]
         return replace(outcome, numbers=numbers)
 
     def _method(self) -> dict[str, object]:

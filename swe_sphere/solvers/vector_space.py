@@ -71,7 +71,6 @@ class VectorSpace:
         several ranks may share. Device and type default to the mesh's, without a mesh to the CPU
         and wp.float64. Raises ConfigError unless all weights are positive and finite.
         """
-        self._mesh = mesh
         values = np.array(weights, dtype=np.float64)
         self.global_size = values.size
         """Numbers of a vector on all ranks together."""
@@ -107,10 +106,6 @@ class VectorSpace:
         In the memory of a CPU a row occupies memory only once it is written.
         """
         return wp.empty((rows, self.n), dtype=self.real, device=self.device)
-
-    def load(self, values: NDArray[Any], x: wp.array) -> None:
-        """Set x to the fields (k N,) of the whole mesh."""
-        x.assign(values if self._mesh is None else self._mesh.on_rank(values))
 
     def axpy(self, a: float, x: wp.array, y: wp.array) -> None:
         """Set y = y + a x."""

@@ -218,15 +218,13 @@ class ExponentialMultistep(VariableStepper):
     def __init__(self, model: Model, dt: float, tolerance: float | None = None) -> None:
         solver = StageSolver(model.unpenalised(), self.solver_tolerance(tolerance))
         super().__init__(model, dt, solver)
-        model = self.model
-        space, past = self.space, len(self.weights[0]) if self.weights else 0
+        model, space, past = self.model, self.space, len(self.weights[0]) if self.weights else 0
         self.counters |= {"rejected_steps": 0, "krylov_steps": 0}
         self._krylov = KrylovExponential(space, max(3, 1 + len(self.weights)))
         self._jacobian = model.jacobian()
         self._slope, self._drift, self._work = model.zeros(), model.zeros(), model.zeros()
         self._has_drift = not model.scene.autonomous
-        self._states = [model.zeros() for _ in range(past)]
-        self._slopes = [model.zeros() for _ in range(past)]
+        self._states, self._slopes = ([model.zeros() for _ in range(past)] for _ in range(2))
         self._moved, self._bent = (space.stack(max(1, past)) for _ in range(2))
 
     def make_guesses(self, slope: wp.array) -> None:

@@ -84,8 +84,7 @@ class Passes:
             types = mesh.types(terms=replace(terms, momentum=True), **stepped)
             self._force = pushing_kernel(types, damped) if direct else tendency_kernels(types)[0]
             self._force_geometry = mesh.geometry(types.geometry, parameters)
-        wanted = [self._transport, self._force, self._combine]
-        model.launch.load(*(kernel for kernel in wanted if kernel is not None))
+        model.launch.load(*filter(None, (self._transport, self._force, self._combine)))
 
     def weights(self, *numbers: float) -> Any:
         """Return the weights of three time levels in the format of the passes."""

@@ -46,8 +46,7 @@ class ForwardElimination(Preconditioner):
     def apply(self, r: wp.array, out: wp.array) -> None:
         n, space, factor = self._space.n, self._space, A[1][0] / DIAGONAL[0]
         self._parts[0](r[:n], out[:n])
-        space.copy(r[n:], self._work)
-        space.axpy(factor, out[:n], self._work)
+        space.axpby(factor, out[:n], 1.0, r[n:], self._work)
         space.axpy(-factor, r[:n], self._work)
         self._parts[1](self._work, out[n:])
 
@@ -144,7 +143,6 @@ class GaussLegendre(ImplicitStepper):
 
     def accept(self, dt: float) -> None:
         """Make `new` the present state, and keep the slopes for the guess of the next step."""
-        for i, row in enumerate(INVERSE / dt):
-            (a, b), changes = map(float, row), self._changes
-            self.space.axpby(b, changes[1], a, changes[0], self.guesses[i])
+        for guess, (a, b) in zip(self.guesses, (INVERSE / dt).tolist(), strict=True):
+            self.space.axpby(b, self._changes[1], a, self._changes[0], guess)
         super().accept(dt)

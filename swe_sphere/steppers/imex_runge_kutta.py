@@ -133,7 +133,7 @@ class ImexRungeKutta(ImexStepper):
             wp.copy(self.slopes[i], self._linear[0][self._depth])
 
     def advance(self) -> None:
-        combine = self.model.launch.combine
+        combine, tau = self.model.launch.combine, self._tau
         self.solver.aim(self.state, self.error_constant, self.order, self.dt)
         self.solver.waves.linearise(self.state)
         self.model.tendency(self.state, self.time, self._full[0])
@@ -141,13 +141,11 @@ class ImexRungeKutta(ImexStepper):
         for i in range(1, len(self.b)):
             # the change Y_i - x, and L Y_i
             combine(self._nothing, *self._sums[i], out=self._known)
-            self.space.axpby(self._tau, self._linear[0], 1.0, self._known, self._rhs)
-            wp.copy(self._guess, self._known[self._depth])
-            self._depths.axpy(self._tau, self.slopes[i], self._guess)
-            self.solver.solve(self._tau, self.time, self._rhs, self._guess, self._change)
+            self.space.axpby(tau, self._linear[0], 1.0, self._known, self._rhs)
+            self._depths.axpby(tau, self.slopes[i], 1.0, self._known[self._depth], self._guess)
+            self.solver.solve(tau, self.time, self._rhs, self._guess, self._change)
             slope = self._linear[i]
-            per_tau = 1.0 / self._tau
-            self.space.axpby(-per_tau, self._known, per_tau, self._change, slope)
+            self.space.axpby(-1.0 / tau, self._known, 1.0 / tau, self._change, slope)
             wp.copy(self.slopes[i], slope[self._depth])
             self.space.axpby(1.0, self._change, 1.0, self.state, self._stage)
             self.model.tendency(self._stage, self.time + self._offsets[i], self._full[i])

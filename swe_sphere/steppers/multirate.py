@@ -73,11 +73,9 @@ class MultirateInfinitesimalStep(FlowLimitStepper):
         self._changes = [stack[0], stack[1], self._moved]
         self._slopes = [stack[2 + i] for i in range(STAGES)]
         weights = beta / beta.sum(axis=1)[:, None]
-        mean, none = weights[:, 1:], np.zeros((STAGES, STAGES))
-        rates = gamma[:, :2] / self._durations[:, None]
+        mean, rates = weights[:, 1:], np.hstack([gamma[:, :2] / self._durations[:, None], weights])
         self._starts, self._rates, self._means = (
-            [scaled_rows(stack, row) for row in np.hstack(parts)]
-            for parts in ((alpha[:, :2] - mean, none), (rates, weights), (mean, none))
+            [scaled_rows(stack, row) for row in rows] for rows in (alpha[:, :2] - mean, rates, mean)
         )
         model.counters["fast_steps"] = 0
 
@@ -99,8 +97,7 @@ class MultirateInfinitesimalStep(FlowLimitStepper):
 
     @classmethod
     def _matrices(cls) -> tuple[Array, Array, Array]:
-        alpha, beta, gamma = (tableau(rows, STAGES) for rows in (cls.alpha, cls.beta, cls.gamma))
-        return alpha, beta, gamma
+        return tableau(cls.alpha, STAGES), tableau(cls.beta, STAGES), tableau(cls.gamma, STAGES)
 
     @classmethod
     def spectral_radii(cls, model: Model, state: wp.array, t: float = 0.0) -> SpectralRadii:

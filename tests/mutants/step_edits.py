@@ -106,8 +106,8 @@ VARIABLE_STEP = tested(
         "Gauss-Legendre: slopes of the outer step",
         f"{STEPPERS}/gauss.py",
         _GUESSES,
-        "enumerate(INVERSE / dt)",
-        "enumerate(INVERSE / self.dt)",
+        "(INVERSE / dt).tolist()",
+        "(INVERSE / self.dt).tolist()",
     ),
     ("distance of slopes", MOTION, _RATES, "apart = 0.5 * (dt + self.last_dt)", "apart = dt"),
     (

@@ -59,7 +59,7 @@ class BlockElimination(LaggedPreconditioner):
         return self._space.lowest(self._nearness, 0, self._space.n) >= 0.0
 
     def _prepare(self, tau: float, flow: Array) -> None:
-        self._space.load(flow, self._then)
+        self._then.assign(self.operator.mesh.on_rank(flow))
         self.operator.configure(tau, flow)
         self.invert(tau, flow)
         self._replay = Replay(self.operator.mesh.launch)

@@ -61,17 +61,13 @@ class JacobianDirect(LaggedPreconditioner):
     def _product(self, direction: Array) -> Array:
         self._place(direction, self._direction)
         self._jacobian(self._direction, self._image)
-        return self._collected(self._image)
+        return self._model.device_mesh.collect(self._image[: self._model.fluid_size])
 
     def apply(self, r: wp.array, out: wp.array) -> None:
-        fluid = self._collected(r)
+        fluid = self._model.device_mesh.collect(r[: self._model.fluid_size])
         solution = np.empty_like(fluid)
         solution[self._order] = self._factors.solve(fluid[self._order].astype(np.float32))
         self._place(solution, out)
-
-    def _collected(self, state: wp.array) -> Array:
-        """Return wind and depth (3N,) of the whole mesh."""
-        return self._model.device_mesh.collect(state[: self._model.fluid_size])
 
     def _place(self, fluid: Array, state: wp.array) -> None:
         """Store wind and depth at the front of a state."""

@@ -128,14 +128,10 @@ def _harmonic(lon: Array, lat: Array) -> ThreeFields:
     return value, east, north
 
 
-def _changed(
-    name: str, change: Callable[[Array, Array, Array, Array, Array], ThreeFields], **values: Any
-) -> Scene:
+def _changed(name: str, change: Callable[..., ThreeFields], **values: Any) -> Scene:
     """Return a built-in scene with other values, its initial state changed by `change`."""
     base = get_scene(name)
-    return replace(
-        base, initial=lambda lon, lat: change(lon, lat, *base.initial(lon, lat)), **values
-    )
+    return replace(base, initial=lambda *at: change(*at, *base.initial(*at)), **values)
 
 
 HOMME = replace(EARTH, radius=6.376e6)
