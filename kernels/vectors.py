@@ -119,18 +119,19 @@ def nearness(share: real, x: vector, first: int, then: vector, out: vector):
 
 @kernel
 def leapfrog(
-    begin: int, previous: vector, state: vector, tendency: vector, two_dt: real, displacement: real,
-    share: real,
+    begin: int, previous: vector, state: vector, change: vector, of_previous: real, of_state: real,
+    of_change: real, displacement: real, share: real,
 ):  # fmt: skip
     """Take one filtered leapfrog step (Williams 2009, doi:10.1175/2009MWR2724.1, eqs. 7-9).
 
-    The step applies to the numbers from `begin` on. With x- the filtered past, x the present and k
-    the tendency, x+ = x- + 2 dt k and the displacement d = (nu/2)(x- - 2x + x+), where
-    `displacement` is nu/2; `previous` becomes x + share d and `state` becomes x+ - (1 - share) d.
+    The step applies to the numbers from `begin` on. With x- the filtered past and x the present, x+
+    is the sum of x-, x and `change` times their factors `of_...`, and the displacement d = (nu/2)
+    (x- - 2x + x+), where `displacement` is nu/2; `previous` becomes x + share d and `state` becomes
+    x+ - (1 - share) d.
     """
     i = begin + wp.tid()
     x = load(state, i)
-    future = load(previous, i) + two_dt * load(tendency, i)
+    future = of_previous * load(previous, i) + of_state * x + of_change * load(change, i)
     d = displacement * (load(previous, i) - real(2.0) * x + future)
     put(previous, i, x + share * d)
     put(state, i, future - (real(1.0) - share) * d)

@@ -78,17 +78,16 @@ class Leapfrog(Stepper):
             model.launch.combine(slope, self._part, 1.0, out=slope)
         if self.diffusion is not None:
             self._diffuse(self.diffusion)
-        change, tau = self._solve()
-        inputs = self.previous, self.state, change, tau, *self._filter
+        inputs = self.previous, self.state, *self._next(), *self._filter
         model.device_mesh.launch_over_fields(self._kernel, model.size, *inputs)
 
     def _diffuse(self, diffusion: Diffusion) -> None:
         """Add to the slope the diffusion of the state that moves with it from the past level."""
         diffusion.join(self.previous, self._slope)
 
-    def _solve(self) -> tuple[wp.array, float]:
-        """Return an array and the factor that turns it into the change over two steps."""
-        return self._slope, 2.0 * self.dt
+    def _next(self) -> tuple[wp.array, float, float, float]:
+        """Return an array k, and the factors of x-, x and k in the unfiltered next level x+."""
+        return self._slope, 1.0, 0.0, 2.0 * self.dt
 
     @classmethod
     def order_in(cls, model: Model, **options: Any) -> int:
@@ -139,13 +138,12 @@ class SemiImplicit(ImexStepper, Leapfrog):
         super()._diffuse(diffusion)
         self.space.axpy(-1.0, self._part, self._slope)
 
-    def _solve(self) -> tuple[wp.array, float]:
-        combine, change, solver = self.model.launch.combine, self._change, self.solver
-        solver.aim(self.state, self.error_constant, self.order, self.dt)
-        combine(self.previous, self.state, -1.0, self._slope, self.dt, out=self._rhs)
-        solver.solve(self.dt, self.time, self._rhs, None, change, self.dt * solver.rate)
-        combine(change, self.state, 1.0, self.previous, -1.0, out=change)
-        return change, 2.0
+    def _next(self) -> tuple[wp.array, float, float, float]:
+        dt, solver, state = self.dt, self.solver, self.state
+        solver.aim(state, self.error_constant, self.order, dt)
+        self.model.launch.combine(self.previous, state, -1.0, self._slope, dt, out=self._rhs)
+        solver.solve(dt, self.time, self._rhs, None, self._change, dt * solver.rate)
+        return self._change, -1.0, 2.0, 2.0
 
     @classmethod
     def split_factor(cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex) -> Array:

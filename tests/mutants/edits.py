@@ -116,8 +116,8 @@ SCHEMES = (
         "semi-implicit: slope 1 % too large",
         "swe_sphere/steppers/leapfrog.py",
         ("stepper-semi-implicit",),
-        "self._slope, self.dt, out=",
-        "self._slope, 1.01 * self.dt, out=",
+        "self._slope, dt, out=",
+        "self._slope, 1.01 * dt, out=",
     ),
     Edit(
         "stage times of Runge-Kutta a step late",

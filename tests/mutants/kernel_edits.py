@@ -215,8 +215,8 @@ KERNELS = (
         "leapfrog over 2.02 steps",
         "kernels/vectors.py",
         ("stepper-leapfrog",),
-        "two_dt * load(tendency, i)",
-        "real(1.01) * two_dt * load(tendency, i)",
+        "of_change * load(change, i)",
+        "real(1.01) * of_change * load(change, i)",
     ),
     Edit(
         "average vector field: a weight 1 % off",
