@@ -143,20 +143,51 @@ def eliminate(
         b[e, n, 0] = load_given(r, 2 * geo.size, geo.nodes[e, n]) - tau * outflow
 
 
+@func
+def image(geo: geometry, field: local, flat: vector, tau_tau_g: real, d: local, e: int, n: int):
+    """Return S d, with `field` = D H T G d before DSS."""
+    return d[e, n, 0] - tau_tau_g * mul(geo.per_area[e, n], assemble(geo, field, flat, e, n))
+
+
+@kernel
+def product(
+    begin: int, geo: geometry, field: local, flat: vector, tau_tau_g: real, d: local, share_b: real,
+    b: local, sign: real, out: local,
+):  # fmt: skip
+    """Set out = share_b b + sign S d, with `field` = D H T G d before DSS."""
+    e, part = wp.tid()
+    e += begin
+    for n in range(part * share, part * share + share):
+        out[e, n, 0] = share_b * b[e, n, 0] + sign * image(geo, field, flat, tau_tau_g, d, e, n)
+
+
+@kernel
+def chebyshev_start(
+    begin: int, geo: geometry, take: real, beta: real, b: local, r: local, d: local, x: local
+):
+    """Take the first Chebyshev step from zero: r = b, d = take r / diag(S) and x = beta d."""
+    e, part = wp.tid()
+    e += begin
+    for n in range(part * share, part * share + share):
+        step = take * mul(geo.per_diagonal[e, n], b[e, n, 0])
+        r[e, n, 0] = b[e, n, 0]
+        d[e, n, 0] = step
+        x[e, n, 0] = beta * step
+
+
 @kernel
 def chebyshev(
-    begin: int, geo: geometry, field: local, flat: vector, sign: real, tau_tau_g: real, keep: real,
-    take: real, beta: real, b: local, last: local, r: local, d: local, x: local,
+    begin: int, geo: geometry, field: local, flat: vector, tau_tau_g: real, keep: real, take: real,
+    beta: real, b: local, last: local, r: local, d: local, x: local,
 ):  # fmt: skip
-    """Set r = b + sign S last, d = keep last + take r / diag(S) and x += beta d.
+    """Set r = b - S last, d = keep last + take r / diag(S) and x += beta d.
 
-    `field` is D H T G last before DSS, so that S last = last - tau_tau_g times it.
+    `field` is D H T G last before DSS.
     """
     e, part = wp.tid()
     e += begin
     for n in range(part * share, part * share + share):
-        waves = mul(geo.per_area[e, n], assemble(geo, field, flat, e, n))
-        residual = b[e, n, 0] + sign * (last[e, n, 0] - tau_tau_g * waves)
+        residual = b[e, n, 0] - image(geo, field, flat, tau_tau_g, last, e, n)
         step = keep * last[e, n, 0] + take * mul(geo.per_diagonal[e, n], residual)
         r[e, n, 0] = residual
         d[e, n, 0] = step

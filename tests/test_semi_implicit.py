@@ -20,6 +20,7 @@ from swe_sphere.equations.spectrum import SpectralRadii
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import sparse
+from swe_sphere.operators.schur import SchurMatrix
 from swe_sphere.planet import Planet
 from swe_sphere.solvers.gravity_waves import (
     INERTIAL,
@@ -74,6 +75,25 @@ def test_solver_inverts_the_operator(small_mesh, tau: float) -> None:
     depth = found[2 * small_mesh.size :]
     again = waves.solve(model.device_mesh.upload(rhs), depth, model.zeros(), 1e-11)
     assert again.iterations <= 1, "the guess was not used"
+
+
+@pytest.mark.parametrize("tau", [100.0, 3000.0, 100000.0])
+@pytest.mark.parametrize("tolerance", [1e-1, 1e-3, 2e-5, 1e-7])
+def test_residual_of_the_solver_is_within_its_tolerance(
+    small_mesh, tolerance: float, tau: float
+) -> None:
+    """By sparse matrices; with loose tolerances and short steps its products have float32."""
+    model = Model(small_mesh, make_scene(*WAVES))
+    waves, r, out = GravityWaves(model), random_state(model), model.zeros()
+    waves.setup(tau)
+    assert waves.solve(model.device_mesh.upload(r), None, out, tolerance).converged
+    east, north, depth = np.split(r, 3)
+    flow = np.concatenate([waves.depth * east, waves.depth * north])
+    b = depth - tau * (sparse.divergence(small_mesh) @ flow)
+    s = SchurMatrix(small_mesh, model.scene.planet.gravity, np.zeros(small_mesh.size))
+    rest = b - s.matrix(tau, waves.depth) @ np.split(out.numpy(), 3)[2]
+    size, left = (np.sqrt(np.sum(small_mesh.area * v**2)) for v in (b, rest))
+    assert left <= 1.01 * tolerance * size
 
 
 @pytest.mark.thorough

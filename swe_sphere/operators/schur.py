@@ -159,9 +159,9 @@ class SchurOperator:
         """Operator F of implicit diffusion; None without diffusion."""
         self._gradient, self._wind_fluxes, self._slope_fluxes, *others = mesh.launch.compile(
             types, helmholtz.gradient, helmholtz.wind_fluxes, helmholtz.slope_fluxes,
-            helmholtz.eliminate, helmholtz.chebyshev,
+            helmholtz.eliminate, helmholtz.chebyshev, helmholtz.chebyshev_start, helmholtz.product,
         )  # fmt: skip
-        self._eliminated, self._chebyshev = others
+        self._eliminated, self._chebyshev, self._started, self._multiplied = others
         self._substituted = mesh.over_nodes(helmholtz.substitute_kernel(given))
         if not self._together:
             (self._divergence,) = mesh.launch.compile(types, helmholtz.divergence)
@@ -230,39 +230,43 @@ class SchurOperator:
 
     def apply(self, d: Field, out: Field) -> None:
         """Set out = S d."""
-        out.values.zero_()
-        self.chebyshev_step((1.0, 0.0, 0.0), out, self._f1, self._f1, last=d, sign=1.0)
+        self._multiply(d, 0.0, d, 1.0, out)
 
     def residual(self, b: Field, x: Field, out: Field) -> None:
         """Set out = b - S x."""
-        self.chebyshev_step((1.0, 0.0, 0.0), out, self._f1, self._f1, b, x)
+        self._multiply(x, 1.0, b, -1.0, out)
 
     def chebyshev_step(
         self, coefficients: Step, r: Field, d: Field, x: Field, b: Field | None = None,
-        last: Field | None = None, sign: float = -1.0,
+        last: Field | None = None,
     ) -> None:  # fmt: skip
-        """Set r = b + sign S last; d = keep last + take r/diag S; x += beta d.
+        """Set r = b - S last; d = keep last + take r/diag S; x += beta d.
 
         coefficients: (keep, take, beta); b and last default to r and d.
         """
-        last = last or d
-        self._differentiate(last)
-        east, north = self._east, self._north
-        self._diverge(self._slope_fluxes, east.values, east.flat, north.values, north.flat)
-        self._smooth(sign, coefficients, b or r, last, r, d, x)
+        last, b = last or d, b or r
+        waves, values = self._waves(last), (field.values for field in (b, last, r, d, x))
+        self._over_elements(self._chebyshev, *waves, *coefficients, *values)
 
     def chebyshev_start(
         self, coefficients: Step, r: Field, d: Field, x: Field, b: Field | None = None
     ) -> None:
-        """Set d = x = 0 and take a Chebyshev step, which then needs no product with S."""
-        for zero in (self._local, d, x):
-            zero.values.zero_()
-        self._smooth(-1.0, coefficients, b or r, d, r, d, x)
+        """Take the first Chebyshev step from x = 0, which needs no product with S."""
+        _, *factors = coefficients
+        values = (field.values for field in (b or r, r, d, x))
+        self._over_elements(self._started, *factors, *values)
 
-    def _smooth(self, sign: float, coefficients: Step, *fields: Field) -> None:
-        inputs = self._local.values, self._local.flat, sign, self.tau**2 * self.gravity
-        values = (field.values for field in fields)
-        self._over_elements(self._chebyshev, *inputs, *coefficients, *values)
+    def _multiply(self, d: Field, share: float, b: Field, sign: float, out: Field) -> None:
+        """Set out = share b + sign S d."""
+        inputs = d.values, share, b.values, sign, out.values
+        self._over_elements(self._multiplied, *self._waves(d), *inputs)
+
+    def _waves(self, d: Field) -> tuple[Any, ...]:
+        """Return D H T G d before DSS, twice, and its factor in S d."""
+        self._differentiate(d)
+        east, north = self._east, self._north
+        self._diverge(self._slope_fluxes, east.values, east.flat, north.values, north.flat)
+        return self._local.values, self._local.flat, self.tau**2 * self.gravity
 
     def _differentiate(self, x: Field) -> None:
         if self.damping is not None:

@@ -6,6 +6,7 @@ D and G are adjoint: S = I - tau^2 g D H G is symmetric if weighted by areas. Co
 """
 
 import time
+from functools import partial
 
 import numpy as np
 import warp as wp
@@ -20,7 +21,9 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
 from swe_sphere.kernels.tracers import mass_flux
 from swe_sphere.operators import TendencyOperator
+from swe_sphere.operators.device_mesh import Field
 from swe_sphere.operators.replay import recorded
+from swe_sphere.operators.schur import SchurOperator
 from swe_sphere.operators.tracers import TracerTransport
 from swe_sphere.solvers.krylov import ConjugateGradients, LinearResult
 from swe_sphere.solvers.preconditioners.multilevel import Multilevel, schur_operator
@@ -29,6 +32,9 @@ from swe_sphere.solvers.vector_space import Masses, VectorSpace
 LEAST_DEPTH_SHARE = 0.8
 """Least reference depth, as a fraction of the depth below the highest surface.  Explicit waves grow
 sooner in fluid deeper than its reference than in shallower fluid (docs/results/steps.md)."""
+ROUGH = 2e-6
+"""Products with S in float32, at half the cost, suffice for relative tolerances above ROUGH times
+the largest diagonal entry of S: a twentieth of that is their error relative to the solution."""
 INERTIAL = 1.25
 """An inertial wave of frequency f limits explicit steps like advection of the rate INERTIAL f;
 measured on meshes coarse enough that such waves limit the step (docs/results/steps.md)."""
@@ -167,8 +173,9 @@ class FluxWaves:
 class GravityWaves:
     """L on the device, and (I - tau L)^-1 by block elimination and conjugate gradients on S.
 
-    S is applied in float64 and preconditioned in float32, for any number type of the run.  Raises
-    ConfigError for a scene without gravity waves.
+    For any number type of the run, vectors are float64 and the preconditioner is float32, and so
+    are products with S where the tolerance permits (`ROUGH`).  Raises ConfigError for a scene
+    without gravity waves.
     """
 
     def __init__(self, model: Model) -> None:
@@ -213,8 +220,13 @@ class GravityWaves:
         for operator in (self.operator, self._rough):
             operator.configure(tau, self.depth)
         self._inner.setup(tau, self.depth)
-        self._system = recorded(self.operator.mesh.launch, self._product)
-        self._precondition = recorded(self.operator.mesh.launch, self._inverse)
+        launch = self.operator.mesh.launch
+        exact, rough = (self.operator, *self._fields), (self._rough, *self._rough_fields)
+        self._product, self._rough_product = (
+            recorded(launch, partial(_multiply, *each)) for each in (exact, rough)
+        )
+        self._least_rough = ROUGH * float(self.operator.diagonal.max())
+        self._precondition = recorded(launch, self._inverse)
         self._counters["setups"] += 1
         self._counters["setup_seconds"] += time.perf_counter() - start
 
@@ -235,7 +247,8 @@ class GravityWaves:
             self.operator.to_nodes(h, self._h)
         size = self.space.norm(self._b)
         rtol, has_guess = max(tolerance, target / (size or 1.0)), guess is not None
-        system = self._system, self._b, self._h, self._precondition
+        product = self._rough_product if rtol > self._least_rough else self._product
+        system = product, self._b, self._h, self._precondition
         result = self._krylov.solve(*system, rtol, scale=size, guess=has_guess)
         self.space.match_mean(self._b, self._h, self._ones)
         self.operator.to_field(self._h, h)
@@ -244,14 +257,15 @@ class GravityWaves:
             self._carried.solve(self.tau, r, out)
         return result
 
-    def _product(self, d: wp.array, out: wp.array) -> None:
-        field, image = self._fields
-        self.operator.to_field(d, field)
-        self.operator.apply(field, image)
-        self.operator.to_nodes(image, out)
-
     def _inverse(self, r: wp.array, z: wp.array) -> None:
         rough_r, rough_z = self._rough_fields
         self._rough.to_field(r, rough_r)
         self._inner.solve(rough_r, rough_z)
         self._rough.to_nodes(rough_z, z)
+
+
+def _multiply(of: SchurOperator, field: Field, image: Field, d: wp.array, out: wp.array) -> None:
+    """Set out = S d for nodal vectors (N,)."""
+    of.to_field(d, field)
+    of.apply(field, image)
+    of.to_nodes(image, out)

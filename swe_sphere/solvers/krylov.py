@@ -245,13 +245,16 @@ class ConjugateGradients(KrylovSolver):
                 p.end(Status.DIVERGED, f"the {culprit} is not positive")
                 return
             space.axpby(1.0, z, keep, self._direction)
-            space.axpby(1.0, w, keep, s)
             space.axpy(step, self._direction, p.x)
-            space.axpy(-step, s, r)
             p.iterations += 1
             # |r - step (w + keep s)|^2
             square = ww + keep * (2.0 * sw + keep * ss)
             rest = rr - step * (2.0 * (rw + keep * sr) - step * square)
+            if FALL**2 * rr < rest <= goal**2:  # no further direction needs r and s
+                p.history.append(min(math.sqrt(rest), goal))
+                return
+            space.axpby(1.0, w, keep, s)
+            space.axpy(-step, s, r)
             if rest <= FALL**2 * rr:  # the norm has lost digits by cancellation
                 rest = space.dot(r, r)
             p.history.append(math.sqrt(rest))

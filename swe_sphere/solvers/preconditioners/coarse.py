@@ -320,7 +320,7 @@ class CoarseCorrection:
         found, d, new = self._found, self._d, self._new
         exchange, per_diagonal = self._operator.mesh.exchange, self._per_diagonal.values
         self._part.restrict(b, self._b)
-        wp.copy(self._r.values, self._b.values)
+        wp.copy(self._r.values, self._b.values)  # all lanes, should a NaN be left in an unused one
         self._solve_longest(d)
         before, product = d, self._smooth
         for number, coefficients in enumerate(self._coefficients, 1):
