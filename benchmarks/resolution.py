@@ -53,8 +53,7 @@ COLUMNS = [
     *PLACE, "family", "stepper", "dt", "cost", "froude", "repeated", *MACHINE, "date",
 ]  # fmt: skip
 """Columns of the table.  series: scene, np and settings; froude: U/c, the largest wind over the
-speed of the fastest gravity waves; repeated: whether the step was timed more than once.  Cells of
-unknown values are empty; rows without a date are restored from numbers of two or three digits."""
+speed of the fastest gravity waves; repeated: whether the step was timed more than once."""
 
 
 def best_steps(sweeps: Iterable[Dataset]) -> pd.DataFrame:
@@ -77,7 +76,7 @@ def best_steps(sweeps: Iterable[Dataset]) -> pd.DataFrame:
         raise ConfigError(f"map: {name} begins without wind or without gravity waves")
     mesh = runs["mesh"].str.replace(r"^ne\d+ ", "", regex=True)
     runs["series"] = (runs["scene"] + ", " + mesh + ", " + runs["settings"]).str.rstrip(", ")
-    runs["froude"], runs["repeated"] = 1.0 / waves, runs["spread"].notna().astype("boolean")
+    runs["froude"], runs["repeated"] = 1.0 / waves, runs["spread"].notna()
     runs["family"] = runs["stepper"].map({name: kind.family for name, kind in STEPPERS.items()})
     runs = pd.concat([runs, runs[runs["stepper"] == "rk4"].assign(family="rk4")])
     best = runs.sort_values("cost", kind="stable").drop_duplicates([*MACHINE, *PLACE, "family"])
@@ -86,7 +85,7 @@ def best_steps(sweeps: Iterable[Dataset]) -> pd.DataFrame:
 
 def read_table() -> pd.DataFrame:
     """Return the stored table."""
-    return pd.read_csv(TABLE, dtype={"repeated": "boolean"})
+    return pd.read_csv(TABLE)
 
 
 def merged(table: pd.DataFrame, steps: pd.DataFrame) -> pd.DataFrame:
