@@ -82,7 +82,7 @@ def test_solver_inverts_the_operator(small_mesh, tau: float) -> None:
 def test_residual_of_the_solver_is_within_its_tolerance(
     small_mesh, tolerance: float, tau: float
 ) -> None:
-    """By sparse matrices; with loose tolerances and short steps its products have float32."""
+    """Products are float32 for loose tolerances; the residual is computed by sparse matrices."""
     model = Model(small_mesh, make_scene(*WAVES))
     waves, r, out = GravityWaves(model), random_state(model), model.zeros()
     waves.setup(tau)

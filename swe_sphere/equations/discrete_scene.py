@@ -41,7 +41,7 @@ class DiscreteScene(NotCopyable):
             raise ConfigError("launch=element is for CPUs: leave launch out")
         self.mesh, self.scene, self.comm = mesh, scene, comm
         self.device, self.shape, self.precision = device, shape, precision
-        self.device_mesh = on = DeviceMesh(mesh, device, REALS[precision], shape, comm)
+        self.device_mesh = DeviceMesh(mesh, device, REALS[precision], shape, comm)
         self.launch = self.device_mesh.launch
         self.counters: dict[str, float] = {"rhs_evaluations": 0, "tangent_evaluations": 0}
         """Counts by name (evaluations, set-ups, ...), and seconds for names that end in seconds."""
@@ -54,12 +54,15 @@ class DiscreteScene(NotCopyable):
         )
         for values in (self.bottom, self.coriolis):
             values.setflags(write=False)
-        self.parameters = given = _parameters(scene, on, self.bottom)
+        self.parameters = parameters = _parameters(scene, self.device_mesh, self.bottom)
         """Coefficients and fields of the effects, on the device."""
-        self.wind = PrescribedFields(on, scene.wind, given.get("wind"), "uv", scene.steady_wind)
-        self.forcing = PrescribedFields(
-            on, scene.forcing, given.get("forcing"), self.fluid, scene.steady_forcing
+        self.wind = PrescribedFields(
+            self.device_mesh, scene.wind, parameters.get("wind"), "uv", scene.steady_wind
         )
+        self.forcing = PrescribedFields(
+            self.device_mesh, scene.forcing, parameters.get("forcing"), self.fluid,
+            scene.steady_forcing,
+        )  # fmt: skip
         self.set_time(0.0)  # a faulty function fails before anything is computed
         self.scratch = cache(lambda name: DiscreteScene.zeros(self, self.fluid_size))
         """Scratch array (fluid_size,) by name; models that share arrays use it in turns."""

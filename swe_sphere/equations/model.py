@@ -94,10 +94,8 @@ class Model(DiscreteScene):
 
     def damping(self, squares: Array) -> Array:
         """Return the sum [s-1] of each `Effect.damping`; squares: squared wavenumbers [m-2]."""
-        total = np.zeros_like(squares)
-        for effect in self.scene.effects:
-            total += effect.damping(self.mesh, squares)
-        return total
+        rates = (effect.damping(self.mesh, squares) for effect in self.scene.effects)
+        return np.asarray(sum(rates, np.zeros_like(squares)))
 
     @cached_property
     def inviscid(self) -> "Model":

@@ -34,7 +34,7 @@ LEAST_DEPTH_SHARE = 0.8
 sooner in fluid deeper than its reference than in shallower fluid (docs/results/steps.md)."""
 ROUGH = 2e-6
 """Products with S in float32, at half the cost, suffice for relative tolerances above ROUGH times
-the largest diagonal entry of S: a twentieth of that is their error relative to the solution."""
+the largest diagonal entry of S: their error relative to the factor is at most a twentieth of it."""
 INERTIAL = 1.25
 """An inertial wave of frequency f limits explicit steps like advection of the rate INERTIAL f;
 measured on meshes coarse enough that such waves limit the step (docs/results/steps.md)."""

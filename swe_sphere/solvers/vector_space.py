@@ -256,8 +256,7 @@ class DeviceSpace(VectorSpace):
 
     def _reserve(self, rows: int) -> None:
         """Allocate memory for the coefficients and partial sums of `rows` rows."""
-        self._rows = rows
-        shape = rows, self._blocks
+        self._rows, shape = rows, (rows, self._blocks)
         self._partial = wp.zeros(shape, dtype=wp.float64, device=self.device)
         pinned = wp.get_device(self.device).is_cuda
         self._partial_host = wp.zeros(shape, dtype=wp.float64, device="cpu", pinned=pinned)
