@@ -5,7 +5,7 @@ S = I - tau^2 g D H T G for the depth, with the assembled discrete gradient G an
 
 A field (groups + 1, np*np, 1) stores a shared node once in each of its elements, so that kernels
 read whole SIMD registers. Local results before DSS have the same shape, and the next kernel that
-reads them applies DSS: it adds to an element's own contribution those of `others` (groups, np*np,
+reads them applies DSS: it adds to an element's own contribution those at `runs` (groups, np*np,
 3), one on an edge of the element and three at a corner. A missing contributor points to the group
 behind the elements, which is zero.
 
@@ -49,9 +49,10 @@ def assemble(geo: geometry, field: local, flat: vector, e: int, n: int):
     on_1 = (n // np_) % (np_ - 1) == 0
     on_2 = (n % np_) % (np_ - 1) == 0
     if on_1 or on_2:
-        total += load_runs(flat, geo.others[e, n, 0])
+        total += load_runs(flat, geo.runs[e, n, 0], geo.others)
     if on_1 and on_2:
-        total += load_runs(flat, geo.others[e, n, 1]) + load_runs(flat, geo.others[e, n, 2])
+        second = load_runs(flat, geo.runs[e, n, 1], geo.others)
+        total += second + load_runs(flat, geo.runs[e, n, 2], geo.others)
     return total
 
 

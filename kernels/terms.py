@@ -12,6 +12,7 @@ import warp as wp
 from swe_sphere.kernels.define import Placeholder, Register, lanes_of, struct_of, value
 from swe_sphere.kernels.pointwise import PointwiseSum
 from swe_sphere.kernels.simd.arithmetic import line_sums
+from swe_sphere.kernels.simd.memory import run_table
 from swe_sphere.kernels.simd.stages import levels_struct, stage_struct
 
 
@@ -128,7 +129,8 @@ class KernelTypes:
             "laplacian": terms.biharmonic and on_nodes,
             "fluxes": terms.diffuses and is_node and wp.array3d(dtype=value),
             "flux_matrix": terms.waves and wp.array3d(dtype=value),
-            "others": terms.waves and wp.array3d(dtype=self.register.index),
+            "runs": terms.waves and wp.array3d(dtype=run_table.find(self)),
+            "others": terms.waves and wp.array(dtype=self.register.index),
             "per_area": terms.waves and wp.array2d(dtype=value),
             "per_diagonal": terms.waves and wp.array2d(dtype=value),
             "work": not is_node and wp.uint64,

@@ -11,6 +11,7 @@ import warp as wp
 from support import make_scene, relative, tangent
 
 from swe_sphere.equations.model import Model
+from swe_sphere.kernels.simd.memory import MOST_RUNS, in_runs
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, sparse
 from swe_sphere.operators.device_mesh import REALS, Field
@@ -299,3 +300,23 @@ def test_diffusion_keeps_the_number_of_chebyshev_steps_of_short_steps() -> None:
         made.setup(model.initial_state(), 60.0 * TAU)
         counts.append(len(made._multilevel._last))
     assert counts[0] > counts[1] == 5
+
+
+@pytest.mark.parametrize("lanes", [8, 16])
+def test_every_register_of_places_is_found_in_its_runs(lanes: int) -> None:
+    """Registers of one to five runs, of which the kernel has a branch for each kind."""
+    places = np.arange(lanes) + 100 * np.random.default_rng(1).integers(0, 9, (400, 1))
+    cuts = np.sort(np.random.default_rng(2).integers(1, lanes, (400, 4)), axis=1)
+    for row, cut in enumerate(cuts):
+        for begin in cut[: row % 5]:
+            places[row, begin:] += 7 + begin
+    runs, others = in_runs(places.reshape(20, 20, lanes))
+    runs, lane = runs.reshape(400, -1), np.arange(lanes)
+    start = runs[:, :1]
+    for k in range(1, MOST_RUNS):
+        start = np.where(lane < runs[:, MOST_RUNS - 1 + k, None], start, runs[:, k, None])
+    found, count = start + lane, runs[:, -1]
+    found[count < 0] = others[runs[count < 0, 0]]
+    np.testing.assert_array_equal(found, places)
+    np.testing.assert_array_equal(np.unique(count), [-1, 1, 2, 3, 4])
+    assert not np.any(runs[count == 2, 5:7] < lanes)  # the kernel skips the third and fourth run

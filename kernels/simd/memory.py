@@ -73,20 +73,26 @@ def _load_nodes(register: Register, given: Any) -> Any:
     return load_nodes.find(register)
 
 
+MOST_RUNS = 4
+Runs = wp.types.vector(2 * MOST_RUNS, wp.int32)
+run_table: Any = Placeholder(lambda of: Runs if of.lanes > 1 else wp.int32)
+"""The places of a register, see `in_runs`, or one place."""
+
+
 @functools.cache
 def _load_runs(register: Register) -> Any:
     lanes = [*range(register.lanes)]
     each = ", ".join(f"at[node.c[{lane}]]" for lane in lanes)
     whole = source("load_runs", lanes=str(lanes)[1:-1], each=each)
 
-    @Register.func_native(whole if len(lanes) > 1 else "return x.data[node];")
-    def load_runs(x: vector, node: index) -> value: ...
+    @Register.func_native(whole if len(lanes) > 1 else "return x.data[table];")
+    def load_runs(x: vector, table: run_table, others: wp.array(dtype=index)) -> value: ...
 
     return load_runs.find(register)
 
 
 load_runs: Any = Placeholder(_load_runs)
-"""Function (x, places) that loads x at places returned by `in_two_runs`."""
+"""Function (x, table, others) that loads x at places, stored as `in_runs` returns them."""
 
 
 @functools.cache
@@ -110,19 +116,25 @@ def pick(x: vector, places: Numbers, first: int) -> value:
     """Return x at the places from `first` on."""
 
 
-def in_two_runs(places: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Mark registers (..., lanes) of places that form one or two runs in memory.
+def in_runs(places: NDArray[np.integer]) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
+    """Return registers (..., lanes) of places as runs (..., 8), and others (m, lanes) as they are.
 
-    Such a register is replaced by three numbers: the complement of its first place, the place of
-    the second run less the number of lanes in the first run, and that number of lanes.
+    Places that form at most MOST_RUNS runs in memory become the place of each run less its first
+    lane, the first lane of each run but the first, and the number of runs. A missing run has the
+    place of the first one and begins behind the last lane. For other registers the number of runs
+    is -1, and the first number is their row in the second array.
     """
-    lanes = places.shape[-1]
-    ends = np.diff(places) != 1
-    count = np.where(ends.any(axis=-1), ends.argmax(axis=-1) + 1, lanes)
-    second = np.take_along_axis(places, count[..., None] % lanes, axis=-1)[..., 0] - count % lanes
-    marked = places.copy()
-    marked[..., :3] = np.stack([~places[..., 0], second, count], axis=-1)
-    return np.where(((ends.sum(axis=-1) <= 1) & (second >= 0))[..., None], marked, places)
+    lanes, flat = places.shape[-1], places.reshape(-1, places.shape[-1])
+    begins = np.diff(flat, prepend=flat[:, :1] - 2) != 1
+    count = begins.sum(axis=1)
+    lane = np.argsort(~begins, axis=1, kind="stable")[:, :MOST_RUNS]
+    exists = np.arange(MOST_RUNS) < count[:, None]
+    place = np.take_along_axis(flat, lane, axis=1) - lane
+    place, lane = np.where(exists, place, place[:, :1]), np.where(exists, lane, lanes)
+    other = (count > MOST_RUNS) | (place < 0).any(axis=1)
+    place[other, 0], count[other] = np.arange(other.sum()), -1
+    runs = np.concatenate([place, lane[:, 1:], count[:, None]], axis=1)
+    return runs.reshape(*places.shape[:-1], -1), flat[other]
 
 
 load_nodes: Any = Placeholder(lambda of: _load_nodes(of, of.real))

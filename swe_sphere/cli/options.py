@@ -1,7 +1,7 @@
 """The flags of a command from the fields of its configuration: names, types and help texts."""
 
-import inspect
 from collections.abc import Callable, Collection
+from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
@@ -46,12 +46,12 @@ def with_flags(
     """
 
     def give(function: F) -> F:
-        known = inspect.signature(function, eval_str=True).parameters.values()
+        known = signature(function, eval_str=True).parameters.values()
         own = [x.replace(kind=x.KEYWORD_ONLY) for x in known if x.kind is not x.VAR_KEYWORD]
         names = [name for name in model.model_fields if name not in without]
         names.sort(key=lambda name: name not in model.__annotations__)  # inherited ones come last
         parameters = [*(_parameter(model, name, argument) for name in names), *own]
-        function.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        function.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
         function.__annotations__ = {p.name: p.annotation for p in parameters}
         return function
 
@@ -64,22 +64,16 @@ def given(values: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]:
     return {k: x for k, x in values.items() if k in model.model_fields and x not in absent}
 
 
-def _parameter(model: type[BaseModel], name: str, argument: str) -> inspect.Parameter:
+def _parameter(model: type[BaseModel], name: str, argument: str) -> Parameter:
     field = model.model_fields[name]
     kind, choices = _kind(field.annotation, name in REPEATED)
     text = (field.description or "").replace("[", r"\[")
-    flag = f"--{flag_of(name)}"
-    if kind is bool:
-        no = "" if field.default is False else f"/--no-{flag_of(name)}"
-        info = typer.Option(f"{flag}{no}", help=text)
-    else:
-        metavar = LIST if choices == LIST else METAVARS.get(name) or choices
-        info = typer.Option(flag, metavar=metavar, help=text)
+    no = f"/--no-{flag_of(name)}" if kind is bool and field.default is not False else ""
+    metavar = LIST if choices == LIST else METAVARS.get(name) or choices
+    info = typer.Option(f"--{flag_of(name)}{no}", metavar=metavar, help=text)
     wanted: Any = kind | None
     annotation = Annotated[wanted, typer.Argument(help=text) if name == argument else info]
-    return inspect.Parameter(
-        name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation
-    )
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
 
 
 def _kind(annotation: Any, repeated: bool) -> tuple[Any, str | None]:

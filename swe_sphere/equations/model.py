@@ -75,11 +75,6 @@ class Model(DiscreteScene):
         return None if self.tracers is None else self.tracers.limiter()
 
     @property
-    def compile_seconds(self) -> float:
-        """Wall time spent compiling or loading kernels so far [s]."""
-        return self.launch.compile_seconds
-
-    @property
     def dissipative(self) -> bool:
         """True if the scene has an effect that damps, or the model a `held` rate."""
         return self.held is not None or any(effect.dissipation for effect in self.scene.effects)

@@ -110,25 +110,21 @@ def fluid_operations(
     """
     terms = element_terms(model.scene, component)
     point = pointwise_terms(model.scene, component, model.parameters)
-    steady_base = model.parameters.get("base")
-    given = {} if base is None or steady_base is not None else {"base": base}
+    steady = model.parameters.get("base")
+    given = {} if base is None or steady is not None else {"base": base}
     combine, held, source = model.launch.combine, model.held, None
     operations: list[Operation] = []
-    if steady_base is not None and component != "tangent":
+    if steady is not None and component != "tangent":
         source = model.scratch("difference")
-        operations.append(
-            Operation(lambda x, out: combine(x, steady_base, -1.0, out=out), target=source)
-        )
+        operations += [Operation(lambda x, out: combine(x, steady, -1.0, out=out), target=source)]
     operations += term_operations(model, terms, point, given, stage, source)
-    factor = 1.0 if stage is None else stage.tau
+    tau = 1.0 if stage is None else stage.tau
     if held is not None and component in ("all", "dissipative"):
         n = held.size
-        operations.append(
-            Operation(lambda x, out: combine(out[:n], held, factor, out=out[:n]), source)
-        )
+        operations += [Operation(lambda x, out: combine(out[:n], held, tau, out=out[:n]), source)]
     if "edge-penalty" in _flags(model.scene, component):
         penalty = model.edge_penalty
-        operations.append(Operation(lambda x, out: penalty(x, factor, out, out), source))
+        operations.append(Operation(lambda x, out: penalty(x, tau, out, out), source))
     return operations
 
 

@@ -14,7 +14,7 @@ from swe_sphere.arrays import Array, inverse_permutation
 from swe_sphere.errors import ConfigError, NotCopyable
 from swe_sphere.kernels.define import Register, lanes_of, specialise
 from swe_sphere.kernels.element import work_bytes
-from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors, in_two_runs
+from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors, Runs, in_runs
 from swe_sphere.kernels.simd.stages import stage_struct
 from swe_sphere.kernels.simd.strips import sweep_strips
 from swe_sphere.kernels.terms import KernelTypes, kernel_types
@@ -77,6 +77,7 @@ class DeviceMesh(NotCopyable):
         self.stage = stage_struct(real)()
         """Stage that is not `on`: rates are stored unchanged."""
         received = -(-sum(part.receives.values()) // self.lanes)
+        received += bool(received)  # loads of whole registers may end behind the last value
         self.rows = (self.groups + 1 + -(-received // self.points)) * self.points
         """Number of rows in a local field: element nodes, an empty group, and received values."""
         self.halos: dict[int, Halo] = {}
@@ -191,22 +192,24 @@ class DeviceMesh(NotCopyable):
         return wp.array(first[:, 0], dtype=wp.int32, device=self.device)
 
     @functools.cached_property
-    def others(self) -> wp.array:
+    def contributors(self) -> dict[str, wp.array]:
         """Offsets in a local field of the contributors from other elements to each element node.
 
-        The shape is (groups, np*np, 3). A node on an element's edge has one such contributor, a
-        corner has three; a missing one points to the empty group. DSS adds an element's own
-        contribution to the first one before the other two, so that (own + first) + (second + third)
-        has the same bits in every element.
+        `runs` (groups, np*np, 3) and `others` are stored as by `in_runs`. A node on an element's
+        edge has one such contributor, a corner has three; a missing one points to the empty group.
+        DSS adds an element's own contribution to the first one before the other two, so that (own +
+        first) + (second + third) has the same bits in every element.
         """
         own = self._positions(np.arange(self.elements * self.points), self.lanes)
         around = self.places(1).numpy()[self.part.nodes.ravel()]
         mine = np.argmax(around == own[:, None], axis=1)[:, None]
-        others = np.take_along_axis(around, mine ^ np.array([1, 2, 3]), axis=1)
+        away = np.take_along_axis(around, mine ^ np.array([1, 2, 3]), axis=1)
         empty = self.groups * self.points * self.lanes
-        places = np.where(others < 0, empty, others).reshape(self.elements, -1, 3)
+        places = np.where(away < 0, empty, away).reshape(self.elements, -1, 3)
         lanes = self.in_lanes(places).reshape(self.groups, -1, 3, self.lanes)
-        return self.registers(in_two_runs(lanes) if self.lanes > 1 else lanes, wp.int32)
+        runs, rest = in_runs(lanes) if self.lanes > 1 else (lanes[..., 0], lanes[:0, 0, 0])
+        stored = wp.array(runs, Runs if self.lanes > 1 else wp.int32, device=self.device)
+        return {"runs": stored, "others": self.registers(rest, wp.int32)}
 
     def geometry(self, kind: Any, given: Mapping[str, Any] | None = None) -> Any:
         """Return a Warp structure `kind`, with members by name from `given`, else from the mesh."""

@@ -25,9 +25,8 @@ class EdgePenaltyOperator:
     def __init__(self, mesh: DeviceMesh, strength: Array) -> None:
         self._mesh, terms, direct = mesh, Terms(jumps=True), mesh.lanes > 1
         types = mesh.types(terms=terms, point=pointwise_sum(2, NO_POINTWISE) if direct else None)
-        finish = finish_rates(types, 2) if direct else None
         self._derivatives = field_kernel(types, derivatives)
-        self._weak_form = field_kernel(types, weak_form, finish)
+        self._weak_form = field_kernel(types, weak_form, finish_rates(types, 2) if direct else None)
         mesh.launch.load(self._derivatives, self._weak_form)
         at_edge = np.pad(np.zeros((mesh.mesh.np - 2,) * 2), 1, constant_values=1.0)
         gamma = strength[:, None, None] * at_edge
@@ -57,13 +56,11 @@ class EdgePenaltyOperator:
         """
         mesh, means = self._mesh, self._means
         threads, values, weak = mesh.threads(1), self._values, self._weak
-        layout = mesh.lanes, mesh.size, 2, 0
+        places, layout = mesh.places(2), (mesh.lanes, mesh.size, 2, 0)
         stage = mesh.stage_at(start, factor)
-        geometry = self._geometry_of(stage)
         inputs = self._geometry, x, x, 0, 1, values.values, x
         mesh.over_elements(values, self._derivatives, threads, *inputs, wait=False)
-        places = mesh.places(2)
         self._sum_means(places, self._mean_scale, *layout, values.flat, mesh.stage, means)
-        inputs = geometry, means, means, 0, 1, weak.values, out
+        inputs = self._geometry_of(stage), means, means, 0, 1, weak.values, out
         mesh.over_elements(weak, self._weak_form, threads, *inputs, wait=False)
         self._sum(places, mesh.inverse_area, *layout, weak.flat, stage, out)

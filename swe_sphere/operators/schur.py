@@ -140,7 +140,8 @@ class SchurOperator:
         self.dim = mesh.groups, mesh.points // types.share
         """Threads of a launch over the elements."""
         shape = mesh.groups, mesh.points
-        arrays = {"per_area": mesh.on_elements(1.0 / mesh.mesh.area[self._nodes])}
+        per_area = mesh.on_elements(1.0 / mesh.mesh.area[self._nodes])
+        arrays = {"per_area": per_area, **mesh.contributors}
         for name, size in (("flux_matrix", (*shape, 4)), ("per_diagonal", shape)):
             arrays[name] = wp.zeros(size, dtype=self._value, device=mesh.device)
         self._geometry = mesh.geometry(types.geometry, arrays)

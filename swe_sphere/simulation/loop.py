@@ -131,7 +131,7 @@ class Loop:
 
         sim, model, start = self.sim, self.sim.model, time.monotonic()
         sim.release()
-        compiled, worked = model.compile_seconds, self._cpu_seconds()
+        compiled, worked = model.launch.compile_seconds, self._cpu_seconds()
         self._deadline = start - compiled + self._limit - sim.wall_seconds
         is_asked = False
         try:
@@ -145,7 +145,7 @@ class Loop:
             wp.synchronize_device(model.device)
             return is_asked
         finally:
-            sim.wall_seconds += time.monotonic() - start - (model.compile_seconds - compiled)
+            sim.wall_seconds += time.monotonic() - start - (model.launch.compile_seconds - compiled)
             sim.cpu_seconds += self._cpu_seconds() - worked
 
     def _step(self, most: int) -> None:
@@ -170,7 +170,7 @@ class Loop:
     def _is_asked_to_stop(self) -> bool:
         """Return whether any rank is late or interrupted; several ranks agree one call later."""
         if self._since is None:
-            end = self._deadline + self.sim.model.compile_seconds
+            end = self._deadline + self.sim.model.launch.compile_seconds
         else:
             end = self._since + self.time_limit
         self._is_late = time.monotonic() > end

@@ -656,7 +656,7 @@ class Simulation(errors.NotCopyable):
             "dt_wanted": self._plan and self._plan.wanted_dt,
             "out": None if self.config.out is None else str(self.config.out),
             "outputs": [str(output.path) for output in self.config.outputs] or None,
-            "compile_seconds": self.model.compile_seconds, "ranks": self.comm.size,
+            "compile_seconds": self.model.launch.compile_seconds, "ranks": self.comm.size,
             "earlier_seconds": self._earlier_counts.get("wall_seconds", 0.0),
         }  # fmt: skip
         numbers |= {**dict.fromkeys(diagnostics.NAMES["costs"], 0), **self.counts()}

@@ -189,11 +189,9 @@ class FastWaves:
             self._drift(rest, rate, tau, float(step > 0))
             self._kick(rate, tau if step + 1 < steps else 0.5 * tau)
         if self._model.carried is not None:
-            behind, crossed = self._behind, self._crossed
-            self._model.carried.transport(self._path, mass_state, crossed)
-            moved = self.state[behind]
-            terms = rate[behind], duration, crossed[behind], 1.0
-            self._model.launch.combine(moved, *terms, out=moved)
+            self._model.carried.transport(self._path, mass_state, self._crossed)
+            moved, gain, crossed = (x[self._behind] for x in (self.state, rate, self._crossed))
+            self._model.launch.combine(moved, gain, duration, crossed, 1.0, out=moved)
 
     def _drift(self, rest: wp.array, rate: wp.array, tau: float, kept: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state

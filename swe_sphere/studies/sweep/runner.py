@@ -123,7 +123,7 @@ def run_timed(
         **{name: counts.get(name, 0) for name in (*COUNTS, "setup_seconds")},
         "steps": sim.steps, "days": sim.steps * sim.plan.dt / DAY,
         "wall_seconds": sim.wall_seconds, "cpu_seconds": sim.cpu_seconds,
-        "compile_seconds": sim.model.compile_seconds,
+        "compile_seconds": sim.model.launch.compile_seconds,
     })  # fmt: skip
     if ended.completed:
         found = sim.diagnostics
@@ -168,7 +168,7 @@ def warm_up(spec: RunSpec) -> float:
         sim = _begun(spec)
         for _ in range(WARM_STEPS):
             sim.step()
-        return sim.model.compile_seconds
+        return sim.model.launch.compile_seconds
     return math.nan
 
 
