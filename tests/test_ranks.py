@@ -21,6 +21,7 @@ from swe_sphere.cli.main import main
 from swe_sphere.cli.run import PROCESS, start_ranks
 from swe_sphere.compiling import COMPILING
 from swe_sphere.errors import ConfigError
+from swe_sphere.kernels.simd.memory import MOST_RUNS
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cubed_sphere import BLOCK
 from swe_sphere.mesh.partition import Partition, curve, single_part
@@ -133,6 +134,18 @@ def test_the_finest_meshes_here_have_elements_to_compute_behind_messages():
     for ne, np_, lanes in cases:
         parts = parts_of(Mesh.build(ne, np_), 3)
         assert min(part.interior_elements // lanes for part in parts) >= LEAST_AWAY
+
+
+@pytest.mark.parametrize(("ne", "points", "rank"), [(8, 4, 4), (12, 3, 2)])
+def test_loads_of_whole_registers_end_inside_fields(ne, points, rank):
+    """The values received on these ranks almost fill whole groups of registers."""
+    mesh = Mesh.build(ne, points)
+    part = Partition(mesh, 6).part(rank)
+    device_mesh = DeviceMesh(mesh, "cpu", wp.float64, "element", part=part)
+    runs = device_mesh.contributors["runs"].numpy().reshape(-1, 2 * MOST_RUNS)
+    places = runs[runs[:, -1] > 0, :MOST_RUNS]
+    assert places.min() >= 0
+    assert places.max() + device_mesh.lanes <= device_mesh.rows * device_mesh.lanes
 
 
 def test_large_meshes_are_dealt_out_in_blocks():

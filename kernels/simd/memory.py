@@ -74,6 +74,7 @@ def _load_nodes(register: Register, given: Any) -> Any:
 
 
 MOST_RUNS = 4
+"""Number of runs that load_runs.cpp can load."""
 Runs = wp.types.vector(2 * MOST_RUNS, wp.int32)
 run_table: Any = Placeholder(lambda of: Runs if of.lanes > 1 else wp.int32)
 """The places of a register, see `in_runs`, or one place."""
