@@ -13,7 +13,7 @@ from swe_sphere.kernels.simd.arithmetic import (
     mul,
     rows_product,
 )  # fmt: skip
-from swe_sphere.kernels.simd.memory import Numbers, Places, gather, load_nodes
+from swe_sphere.kernels.simd.memory import Numbers, Places, gather
 from swe_sphere.kernels.terms import KernelTypes, local
 
 matrix, each = wp.array2d(dtype=real), wp.array2d(dtype=value)
@@ -32,31 +32,19 @@ def transfer_kernels(t: KernelTypes, functions: int) -> tuple[Any, Any, tuple[in
     """
     points = t.np * t.np
     few, many = (functions, points) if t.shape == "element" else (1, 1)
-    integrals, at_point = rows_product(few, points), functions_sum(functions, points)
+    integrals, add = rows_product(few, points), functions_sum(functions, points)
 
     @kernel
     def restrict(begin: int, values: matrix, mass: each, b: local, out: each):
         e, part = wp.tid()
-        e += begin
-        weighted = wp.zeros(shape=points, dtype=value)
-        for n in range(points):
-            weighted[n] = mul(mass[e, n], b[e, n, 0])
-        sums = wp.zeros(shape=few, dtype=value)
-        integrals(values, part * few, weighted, sums)
-        for k in range(few):
-            out[e, part * few + k] = sums[k]
+        integrals(values, mass, b, begin + e, part * few, functions, out)
 
     @kernel
     def prolong(
         begin: int, values: matrix, numbers: wp.array2d(dtype=index), coefficients: vector, x: local
     ):  # fmt: skip
         e, part = wp.tid()
-        e += begin
-        mine = wp.zeros(shape=functions, dtype=value)
-        for k in range(functions):
-            mine[k] = load_nodes(coefficients, 0, numbers[e, k])
-        for n in range(part * many, part * many + many):
-            x[e, n, 0] = x[e, n, 0] + at_point(values, n, mine)
+        add(values, numbers, coefficients, begin + e, part * many, part * many + many, x)
 
     return specialise(restrict, t), specialise(prolong, t), (few, many)
 
@@ -76,22 +64,18 @@ runs_sum, numbers_sum = entries_sum("*runs(from)"), entries_sum("*from")
 
 @kernel
 def chebyshev_step(
-    at: Numbers, begin: Numbers, values: registers, per_diagonal: registers, keep: real, take: real,
-    beta: real, flat_d: vector, d: registers, r: registers, before: registers, after: registers,
-    x: registers,
+    at: Numbers, begin: Numbers, values: registers, per_diagonal: registers, size: real,
+    b: registers, flat_x: vector, x: registers, after: registers,
 ):  # fmt: skip
     """Take a Chebyshev step over groups of `lanes` rows of a `SlicedMatrix`.
 
     The `values` of group g are entries k from at[g] to at[g + 1]; entry k multiplies the register
-    at flat_d[begin[k]], where flat_d is d as a flat array. Vectors have one register per group. The
-    step is r -= M d, after = keep d + take r/diagonal, x = before + beta after; `after` is not d.
+    at flat_x[begin[k]], where flat_x is x as a flat array. Vectors have one register per group. The
+    step is after = x + size (b - M x)/diagonal; `after` is not x.
     """
     g = wp.tid()
-    residual = r[g] - runs_sum(at, begin, values, flat_d, g)
-    step = keep * d[g] + take * mul(per_diagonal[g], residual)
-    r[g] = residual
-    after[g] = step
-    x[g] = before[g] + beta * step
+    residual = b[g] - runs_sum(at, begin, values, flat_x, g)
+    after[g] = x[g] + size * mul(per_diagonal[g], residual)
 
 
 @kernel

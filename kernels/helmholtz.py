@@ -10,7 +10,7 @@ reads them applies DSS: it adds to an element's own contribution those at `runs`
 behind the elements, which is zero.
 
 Kernels with a `geometry` require `Terms.waves`. All run over (groups, np*np / `share`) threads
-or, if they write a vector of nodes, over its nodes (`substitute`: `lanes` nodes per thread).
+or, if they write a vector of nodes, over its nodes (`lanes` nodes per thread).
 """
 
 import functools
@@ -34,8 +34,9 @@ from swe_sphere.kernels.simd.memory import (
     load_runs,
     nodes,
     pick,
+    picking,
 )
-from swe_sphere.kernels.terms import across, along, geometry, given, local, np_, share, state_vector
+from swe_sphere.kernels.terms import across, along, geometry, local, np_, share, state_vector
 
 together: Any = Placeholder(lambda t: t.shape == "element", of_elements=True)
 """True if all fluxes use one row of f1 and f2, which stays in the nearest cache.  The thread that
@@ -163,36 +164,25 @@ def product(
 
 
 @kernel
-def chebyshev_start(
-    begin: int, geo: geometry, take: real, beta: real, b: local, r: local, d: local, x: local
-):
-    """Take the first Chebyshev step from zero: r = b, d = take r / diag(S) and x = beta d."""
+def chebyshev_start(begin: int, geo: geometry, size: real, b: local, x: local):
+    """Take the first Chebyshev step from zero: x = size b / diag(S)."""
     e, part = wp.tid()
     e += begin
     for n in range(part * share, part * share + share):
-        step = take * mul(geo.per_diagonal[e, n], b[e, n, 0])
-        r[e, n, 0] = b[e, n, 0]
-        d[e, n, 0] = step
-        x[e, n, 0] = beta * step
+        x[e, n, 0] = size * mul(geo.per_diagonal[e, n], b[e, n, 0])
 
 
 @kernel
-def chebyshev(
-    begin: int, geo: geometry, field: local, flat: vector, tau_tau_g: real, keep: real, take: real,
-    beta: real, b: local, last: local, r: local, d: local, x: local,
+def chebyshev_step(
+    begin: int, geo: geometry, field: local, flat: vector, tau_tau_g: real, size: real, b: local,
+    x: local,
 ):  # fmt: skip
-    """Set r = b - S last, d = keep last + take r / diag(S) and x += beta d.
-
-    `field` is D H T G last before DSS.
-    """
+    """Set x += size (b - S x) / diag(S), with `field` = D H T G x before DSS."""
     e, part = wp.tid()
     e += begin
     for n in range(part * share, part * share + share):
-        residual = b[e, n, 0] - image(geo, field, flat, tau_tau_g, last, e, n)
-        step = keep * last[e, n, 0] + take * mul(geo.per_diagonal[e, n], residual)
-        r[e, n, 0] = residual
-        d[e, n, 0] = step
-        x[e, n, 0] = x[e, n, 0] + beta * step
+        residual = b[e, n, 0] - image(geo, field, flat, tau_tau_g, x, e, n)
+        x[e, n, 0] = x[e, n, 0] + size * mul(geo.per_diagonal[e, n], residual)
 
 
 @functools.cache
@@ -232,8 +222,13 @@ def to_field(begin: int, node: nodes, x: state_vector, out: local):
         out[e, n, 0] = load_given(x, 0, node[e, n])
 
 
-@kernel
-def to_nodes(begin: int, first_copies: Numbers, flat: vector, out: state_vector):
-    """Copy a field to a nodal vector (N,)."""
-    node = begin + wp.tid()
-    out[node] = given(flat[first_copies[node]])
+@functools.cache
+def to_nodes_kernel(given: Any) -> Any:
+    """Return the kernel that copies a field to a nodal vector (N,) of the number type `given`."""
+    put_picked, state_vector = picking(given), wp.array(dtype=given)
+
+    @kernel
+    def to_nodes(begin: int, first_copies: Numbers, flat: vector, out: state_vector):
+        put_picked(flat, first_copies, begin + lanes * wp.tid(), out)
+
+    return to_nodes

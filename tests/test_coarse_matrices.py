@@ -36,16 +36,12 @@ def filled(mesh: DeviceMesh, values: np.ndarray) -> Field:
 def test_sweep(mesh: DeviceMesh) -> None:
     rng = np.random.default_rng(3)
     matrix = sp.csr_array(dense(ROWS, ROWS))
-    per_diagonal, r, d, before = rng.standard_normal((4, ROWS))
-    vectors = [filled(mesh, values) for values in (per_diagonal, r, d, before)]
-    new, x = vector(mesh, ROWS), vector(mesh, ROWS)
-    scale, residual, direction, start = vectors
-    made = SlicedMatrix(mesh, matrix)
-    made.chebyshev_step((0.3, 0.7, 1.2), scale.values, residual, (direction, new), start, x)
-    left = r - matrix @ d
-    step = 0.3 * d + 0.7 * per_diagonal * left
-    for found, expected in ((residual, left), (new, step), (x, before + 1.2 * step)):
-        assert found.flat.numpy()[:ROWS] == pytest.approx(expected, abs=1e-5)
+    given = per_diagonal, b, x = rng.standard_normal((3, ROWS))
+    fields, after = [filled(mesh, values) for values in given], vector(mesh, ROWS)
+    SlicedMatrix(mesh, matrix).chebyshev_step(0.7, *fields, after)
+    expected = x + 0.7 * per_diagonal * (b - matrix @ x)
+    for found, values in zip((*fields, after), (*given, expected), strict=True):
+        assert found.flat.numpy()[:ROWS] == pytest.approx(values, abs=1e-5)
 
 
 def test_tall_matrix_and_its_transpose(mesh: DeviceMesh) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import Placeholder, Register, real, source, value, vector
+from swe_sphere.kernels.define import Placeholder, Register, index, real, source, value, vector
 from swe_sphere.kernels.simd.memory import Numbers
 
 
@@ -54,32 +54,38 @@ def line_sums(np_: int, kind: Any = value, transposed: bool = False) -> tuple[An
 
 @functools.cache
 def rows_product(rows: int, columns: int) -> Any:
-    """Return the device function (m, first, x, y): y[k] = sum over n of m[first + k, n] x[n].
+    """Return the device function that integrates `rows` coarse functions over group e of elements.
 
-    The function computes `rows` sums, four at a time, so that their additions overlap.
+    out[e, k] is the sum over n of m[k, n] mass[e, n] b[e, n], from k = `first` on, four at a time,
+    so that their additions overlap. The shape of `out` is (groups, of_all).
     """
 
     @Register.func_native(source("rows_product", rows=rows, columns=columns))
     def product(
-        m: wp.array2d(dtype=real), first: int, x: wp.array(dtype=value), y: wp.array(dtype=value)
-    ): ...
+        m: wp.array2d(dtype=real), mass: wp.array2d(dtype=value), b: wp.array3d(dtype=value),
+        e: int, first: int, of_all: int, out: wp.array2d(dtype=value),
+    ): ...  # fmt: skip
 
     return product
 
 
 @functools.cache
 def functions_sum(functions: int, points: int) -> Any:
-    """Return the device function (values, n, c) for the sum of coarse functions times c at point n.
+    """Return the device function that adds coarse functions to x at points from `begin` to `end`.
 
-    The last 12 functions are three patterns at each corner. The patterns of a corner are added
-    first, so that an edge has the same sums in both its elements.
+    Group e of elements has the functions `numbers`, multiplied by the coefficients there. The last
+    12 functions are three patterns at each corner. The patterns of a corner are added first, so
+    that an edge has the same sums in both its elements.
     """
-    smooth = functions - 12
+    given = {"functions": functions, "smooth": functions - 12, "points": points}
 
-    @Register.func_native(source("functions_sum", points=points, smooth=smooth))
-    def sum_at_point(values: wp.array2d(dtype=real), n: int, c: wp.array(dtype=value)) -> value: ...
+    @Register.func_native(source("functions_sum", **given))
+    def add(
+        values: wp.array2d(dtype=real), numbers: wp.array2d(dtype=index), coefficients: vector,
+        e: int, begin: int, end: int, x: wp.array3d(dtype=value),
+    ): ...  # fmt: skip
 
-    return sum_at_point
+    return add
 
 
 def entries_sum(factor: str) -> Any:

@@ -1,4 +1,4 @@
-// Body of gather in memory.py; $each are the sums of all lanes.
+// Body of gather in memory.py.
 const auto sum = [&](int lane) {
     const auto at = places.data[first + lane];
     auto total = local.data[at.c[0] + offset];
@@ -9,4 +9,4 @@ const auto sum = [&](int lane) {
     }
     return total;
 };
-return as_value(run{$each});
+return as_value(each_lane(sum));

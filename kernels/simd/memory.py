@@ -117,6 +117,19 @@ def pick(x: vector, places: Numbers, first: int) -> value:
     """Return x at the places from `first` on."""
 
 
+@functools.cache
+def picking(given: Any) -> Any:
+    """Return the device function that stores x at the places from `first` on in an array out.
+
+    The function has the arguments (x, places, first, out); `given` is the number type of `out`.
+    """
+
+    @Register.func_native(source("put_picked", given=given.__name__))
+    def put_picked(x: vector, places: Numbers, first: int, out: wp.array(dtype=given)): ...
+
+    return put_picked
+
+
 def in_runs(places: NDArray[np.integer]) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
     """Return registers (..., lanes) of places as runs (..., 8), and others (m, lanes) as they are.
 
@@ -144,15 +157,6 @@ load_given: Any = Placeholder(lambda of: _load_nodes(of.register, of.given), of_
 """Variant of `load_nodes` for a vector of the number type `given`."""
 
 
-@functools.cache
-def _gather(register: Register) -> Any:
-    each = ", ".join(f"sum({lane})" for lane in range(register.lanes))
-
-    @Register.func_native(source("gather", each=each))
-    def gather(local: vector, places: Places, first: int, offset: int) -> value: ...
-
-    return gather.find(register)
-
-
-gather: Any = Placeholder(_gather)
-"""Function (local, places, first, offset): DSS of nodes from `first` on by their `Contributors`."""
+@Register.func_native(source("gather"))
+def gather(local: vector, places: Places, first: int, offset: int) -> value:
+    """Return the sums over the contributors of the nodes from `first` on (DSS)."""

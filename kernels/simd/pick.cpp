@@ -1,5 +1,3 @@
 // Body of pick in memory.py.
-number each[lanes];
-for (int lane = 0; lane < lanes; ++lane)
-    each[lane] = x.data[places.data[first + lane]];
-return as_value(*runs(each));
+const auto at = places.data + first;
+return as_value(each_lane([&](int lane) { return x.data[at[lane]]; }));

@@ -55,17 +55,11 @@ class SlicedMatrix:
         self._entries = starts, wp.array(diagonals, dtype=wp.int32, device=mesh.device), values
 
     def chebyshev_step(
-        self, coefficients: tuple[float, float, float], per_diagonal: wp.array, r: Field,
-        directions: tuple[Field, Field], before: Field, x: Field,
-    ) -> None:  # fmt: skip
-        """Set r -= M d; new = keep d + take r/diagonal; x = before + beta new.
-
-        coefficients: keep, take and beta from `chebyshev_coefficients`; directions: d and new;
-        per_diagonal: 1/diagonal in registers.
-        """
-        d, new = directions
-        vectors = d.flat, d.values, r.values, before.values, new.values, x.values
-        inputs = *self._entries, per_diagonal, *coefficients, *vectors
+        self, size: float, per_diagonal: Field, b: Field, x: Field, after: Field
+    ) -> None:
+        """Set after = x + size (b - M x)/diagonal; `after` is not x."""
+        vectors = b.values, x.flat, x.values, after.values
+        inputs = *self._entries, per_diagonal.values, size, *vectors
         self._launch(self._kernel, self._groups, *inputs)
 
 

@@ -115,10 +115,6 @@ class Damping:
         self._joined(mesh.places(1), mesh.inverse_area, local.flat, block * mesh.size, out)
 
 
-Step = tuple[float, float, float]
-"""Coefficients (keep, take, beta) of a Chebyshev step."""
-
-
 class SchurOperator:
     """The eliminated system in the number type of `mesh`, for state vectors (3N,) of type `given`.
 
@@ -145,11 +141,11 @@ class SchurOperator:
         for name, size in (("flux_matrix", (*shape, 4)), ("per_diagonal", shape)):
             arrays[name] = wp.zeros(size, dtype=self._value, device=mesh.device)
         self._geometry = mesh.geometry(types.geometry, arrays)
-        passages = helmholtz.to_field, helmholtz.to_nodes
-        self._passages = functools.cache(
-            lambda given: mesh.launch.compile(mesh.types(given=given, whole=False), *passages)
+        self._to_nodes = functools.cache(lambda g: mesh.over_nodes(helmholtz.to_nodes_kernel(g)))
+        self._to_field = functools.cache(
+            lambda g: mesh.launch.compile(mesh.types(given=g, whole=False), helmholtz.to_field)
         )
-        """Kernels that copy vectors of a number type to fields and back."""
+        """Kernels that copy vectors of a number type from and to fields."""
         self._f1, self._f2 = self.field(), self.field()
         self._local = mesh.local(1, self._value)
         self._slopes, rows = mesh.local(1, self._value, 2), mesh.rows // mesh.points
@@ -160,9 +156,10 @@ class SchurOperator:
         """Operator F of implicit diffusion; None without diffusion."""
         self._gradient, self._wind_fluxes, self._slope_fluxes, *others = mesh.launch.compile(
             types, helmholtz.gradient, helmholtz.wind_fluxes, helmholtz.slope_fluxes,
-            helmholtz.eliminate, helmholtz.chebyshev, helmholtz.chebyshev_start, helmholtz.product,
+            helmholtz.eliminate, helmholtz.chebyshev_step, helmholtz.chebyshev_start,
+            helmholtz.product,
         )  # fmt: skip
-        self._eliminated, self._chebyshev, self._started, self._multiplied = others
+        self._eliminated, self._stepped, self._started, self._multiplied = others
         self._substituted = mesh.over_nodes(helmholtz.substitute_kernel(given))
         if not self._together:
             (self._divergence,) = mesh.launch.compile(types, helmholtz.divergence)
@@ -172,13 +169,12 @@ class SchurOperator:
 
     def to_field(self, x: wp.array, out: Field) -> None:
         """Copy a nodal vector (N,) of any number type to a field."""
-        kernel, _ = self._passages(x.dtype)
+        (kernel,) = self._to_field(x.dtype)
         self.mesh.launch(kernel, self.dim, 0, self.mesh.nodes, x, out.values, cuts=self.mesh.cuts)
 
     def to_nodes(self, x: Field, out: wp.array) -> None:
         """Copy a field, with the same bits in all elements of a node, to a nodal vector (N,)."""
-        _, kernel = self._passages(out.dtype)
-        self.mesh.launch_over_fields(kernel, self.size, self.mesh.first_copies, x.flat, out)
+        self._to_nodes(out.dtype)(self.mesh.first_copies, x.flat, out)
 
     def put(self, values: Array, x: Field) -> None:
         """Copy values (N,) from the host to a field."""
@@ -237,25 +233,13 @@ class SchurOperator:
         """Set out = b - S x."""
         self._multiply(x, 1.0, b, -1.0, out)
 
-    def chebyshev_step(
-        self, coefficients: Step, r: Field, d: Field, x: Field, b: Field | None = None,
-        last: Field | None = None,
-    ) -> None:  # fmt: skip
-        """Set r = b - S last; d = keep last + take r/diag S; x += beta d.
+    def chebyshev_step(self, size: float, b: Field, x: Field) -> None:
+        """Set x += size (b - S x)/diag S."""
+        self._over_elements(self._stepped, *self._waves(x), size, b.values, x.values)
 
-        coefficients: (keep, take, beta); b and last default to r and d.
-        """
-        last, b = last or d, b or r
-        waves, values = self._waves(last), (field.values for field in (b, last, r, d, x))
-        self._over_elements(self._chebyshev, *waves, *coefficients, *values)
-
-    def chebyshev_start(
-        self, coefficients: Step, r: Field, d: Field, x: Field, b: Field | None = None
-    ) -> None:
-        """Take the first Chebyshev step from x = 0, which needs no product with S."""
-        _, *factors = coefficients
-        values = (field.values for field in (b or r, r, d, x))
-        self._over_elements(self._started, *factors, *values)
+    def chebyshev_start(self, size: float, b: Field, x: Field) -> None:
+        """Set x = size b/diag S: a step from x = 0, which needs no product with S."""
+        self._over_elements(self._started, size, b.values, x.values)
 
     def _multiply(self, d: Field, share: float, b: Field, sign: float, out: Field) -> None:
         """Set out = share b + sign S d."""

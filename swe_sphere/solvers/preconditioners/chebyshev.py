@@ -11,19 +11,17 @@ from swe_sphere.equations.spectrum import Product, largest_modulus
 from swe_sphere.operators.schur import SchurOperator
 from swe_sphere.settings.values import read_toml
 
-OPTIMAL = read_toml(Path(__file__).with_name("chebyshev.toml"))
-"""Weights beta_k by degree; up to 6: Lottes 2023, doi:10.1002/nla.2518, table 1; see the file."""
+SIZES = read_toml(Path(__file__).with_name("chebyshev.toml"))
+"""Sizes of the steps by degree, for a largest eigenvalue of 1: Lottes 2023, doi:10.1002/nla.2518,
+with optimised weights; see the file."""
 
 
-def chebyshev_coefficients(degree: int, largest: float) -> list[tuple[float, float, float]]:
-    """Return (keep, take, beta) of the steps d = keep d + take D^-1 r, x += beta d, then r -= S d.
+def chebyshev_steps(degree: int, largest: float) -> list[float]:
+    """Return the sizes of the steps x += size D^-1 (b - S x) that smooth best; degree 1 to 16.
 
-    `largest` bounds the spectrum of D^-1 S (Lottes 2023, algorithm 4.1); degree 1 to 16.
+    `largest` bounds the spectrum of D^-1 S.
     """
-    return [
-        (max(2 * k - 3, 0) / (2 * k + 1), (8 * k - 4) / ((2 * k + 1) * largest), beta)
-        for k, beta in enumerate(OPTIMAL[str(degree)], 1)
-    ]
+    return [size / largest for size in SIZES[str(degree)]]
 
 
 def schur_bound(operator: SchurOperator) -> float:

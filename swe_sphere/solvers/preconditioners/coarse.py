@@ -24,7 +24,7 @@ from swe_sphere.operators.halo import Halo
 from swe_sphere.operators.lane_matrices import SlicedMatrix, TallMatrix, vector
 from swe_sphere.operators.schur import SchurOperator
 from swe_sphere.operators.sparse import ElementSpace
-from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
+from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_steps, spectral_bound
 
 CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
 """Element corners (end along xi1, end along xi2)."""
@@ -273,22 +273,22 @@ class CoarseCorrection:
         self._longest = longest_waves(mesh, bases[0])
         count, (smooth, few) = sum(basis.shape[1] for basis in bases), self._longest.shape
         self._part = CoarsePart(operator, spaces, gradients)
-        vectors = (vector(operator.mesh, self._part.functions.size) for _ in range(5))
-        self._b, self._r, self._d, self._new, self._found = vectors
+        vectors = (vector(operator.mesh, self._part.functions.size) for _ in range(4))
+        self._b, self._x, self._new, self._per_diagonal = vectors
         self._few = vector(operator.mesh, few), vector(operator.mesh, few)
         here = self._part.rows(_filled(self._longest, (count, few)))
         self._spread = TallMatrix(operator.mesh, here)
         self._gather = TallMatrix(operator.mesh, self._longest).transposed
-        self._smooth_r = self._r
+        self._smooth_b = self._b
         if operator.mesh.comm.shared:
-            comm, self._smooth_r = operator.mesh.comm, vector(operator.mesh, smooth)
+            comm, self._smooth_b = operator.mesh.comm, vector(operator.mesh, smooth)
             mine = self._part.owned(np.arange(smooth))
             owned = {rank: each for rank, each in enumerate(comm.allgather(mine)) if each.size}
             sends = dict.fromkeys(range(comm.size) if mine.size else (), self._part.here(mine))
-            self._join = Halo(operator.mesh.launch, self._r.flat, sends, owned, self._smooth_r.flat)
-            """The residual of all smooth functions, each from the rank that owns it."""
+            self._join = Halo(operator.mesh.launch, self._b.flat, sends, owned, self._smooth_b.flat)
+            """The integrals of all smooth functions, each from the rank that owns it."""
             ring = self._part.ring()
-            for each in (self._d, self._new):
+            for each in (self._x, self._new):
                 operator.mesh.register_exchange(each.flat, *ring)
 
     def setup(self, tau: float, depth: Array, steps: int) -> None:
@@ -302,7 +302,7 @@ class CoarseCorrection:
         del compact, blocks, modes  # the memory use of a run peaks here
         inverse = 1.0 / matrix.diagonal()
         largest = spectral_bound(lambda x: inverse * (matrix @ x), inverse.size)
-        self._coefficients = chebyshev_coefficients(steps, largest)
+        self._sizes = chebyshev_steps(steps, largest)
         few = (longest.T @ smooth @ longest).toarray()
         independent = longest.shape[0] >= longest.shape[1]  # otherwise the mesh has eight vertices
         exact = np.linalg.inv(few) if independent else np.linalg.pinv(few, 1e-10, hermitian=True)
@@ -311,33 +311,28 @@ class CoarseCorrection:
             SlicedMatrix(self._operator.mesh, self._part.square(each))
             for each in (_filled(smooth, matrix.shape), matrix)
         )
-        inverse = inverse[self._part.functions]
-        self._per_diagonal = vector(self._operator.mesh, inverse.size)
-        self._operator.mesh.write(inverse, self._per_diagonal.flat)
+        self._operator.mesh.write(inverse[self._part.functions], self._per_diagonal.flat)
 
     def correct(self, b: Field, x: Field, add: bool = True) -> None:
         """Add the correction for the residual b to x, or set x to it."""
-        found, d, new = self._found, self._d, self._new
-        exchange, per_diagonal = self._operator.mesh.exchange, self._per_diagonal.values
+        found, new, matrix = self._x, self._new, self._smooth
         self._part.restrict(b, self._b)
-        wp.copy(self._r.values, self._b.values)  # all lanes, should a NaN be left in an unused one
-        self._solve_longest(d)
-        before, product = d, self._smooth
-        for number, coefficients in enumerate(self._coefficients, 1):
-            product.chebyshev_step(coefficients, per_diagonal, self._r, (d, new), before, found)
-            if number < len(self._coefficients):
-                exchange(new)
-            before, d, new, product = found, new, d, self._matrix
+        self._solve_longest(found)
+        for number, size in enumerate(self._sizes, 1):
+            matrix.chebyshev_step(size, self._per_diagonal, self._b, found, new)
+            if number < len(self._sizes):
+                self._operator.mesh.exchange(new)
+            found, new, matrix = new, found, self._matrix
         if not add:
             x.values.zero_()
         self._part.prolong(found, x)
 
     def _solve_longest(self, out: Field) -> None:
-        """Set out = P A^-1 P^T r for the longest waves."""
+        """Set out = P A^-1 P^T b for the longest waves."""
         once, twice = self._few
-        if self._smooth_r is not self._r:
+        if self._smooth_b is not self._b:
             self._join()
-        self._gather(self._smooth_r, once)
+        self._gather(self._smooth_b, once)
         self._exact(once, twice)
         self._spread(twice, out)
 

@@ -7,8 +7,8 @@ import numpy as np
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.operators.device_mesh import Field
-from swe_sphere.operators.schur import Rate, SchurOperator, Step
-from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, schur_bound
+from swe_sphere.operators.schur import Rate, SchurOperator
+from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_steps, schur_bound
 from swe_sphere.solvers.preconditioners.coarse import CoarseCorrection
 
 DEGREES = {3: 3, 4: 2}
@@ -53,7 +53,7 @@ class Multilevel:
         self.operator = operator
         self._smooths_first = smooths_first
         self._coarse = CoarseCorrection(operator)
-        self._direction, self._rest = operator.field(), operator.field()
+        self._rest = operator.field()
 
     def setup(self, tau: float, depth: Array) -> None:
         """Prepare for the implicit step tau [s] and the depth (N,) [m] of the operator."""
@@ -68,31 +68,25 @@ class Multilevel:
             last, between = steps + is_long, steps - (cycles == 1)
             self._cycles = max(cycles, 1 + is_long)
         self._first, self._between, self._last = (
-            chebyshev_coefficients(n, largest) for n in (FIRST_STEPS, between, last)
+            chebyshev_steps(n, largest) for n in (FIRST_STEPS, between, last)
         )
         self._coarse.setup(tau, depth, COARSE_STEPS[int(np.median(self.operator.diagonal) > LARGE)])
 
     def solve(self, b: Field, x: Field) -> None:
-        """Set x to about S^-1 b; b is overwritten."""
-        rest = self._rest
+        """Set x to about S^-1 b."""
         for cycle in range(self._cycles):
             if cycle == 0 and not self._smooths_first:
                 self._coarse.correct(b, x, add=False)
                 continue
-            steps = self._between if cycle else self._first
-            self._smooth(steps, b, rest, x, from_zero=cycle == 0)
-            self.operator.residual(b, x, rest)
-            self._coarse.correct(rest, x)
-        self._smooth(self._last, b, b, x)
+            steps = self._between
+            if cycle == 0:
+                size, *steps = self._first
+                self.operator.chebyshev_start(size, b, x)
+            self._smooth(steps, b, x)
+            self.operator.residual(b, x, self._rest)
+            self._coarse.correct(self._rest, x)
+        self._smooth(self._last, b, x)
 
-    def _smooth(
-        self, steps: list[Step], b: Field, r: Field, x: Field, from_zero: bool = False
-    ) -> None:
-        """Take Chebyshev steps from x or from zero for the right-hand side b; r is overwritten."""
-        first, *others = steps
-        if from_zero:
-            self.operator.chebyshev_start(first, r, self._direction, x, b)
-        else:
-            self.operator.chebyshev_step(first, r, self._direction, x, b, x)
-        for step in others:
-            self.operator.chebyshev_step(step, r, self._direction, x)
+    def _smooth(self, sizes: list[float], b: Field, x: Field) -> None:
+        for size in sizes:
+            self.operator.chebyshev_step(size, b, x)
