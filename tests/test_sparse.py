@@ -11,6 +11,7 @@ from support import harmonic, make_scene, relative, tangent
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import diagnose, sparse
+from swe_sphere.solvers.preconditioners.coarse import smooth_functions
 
 MESHES = {
     "ne2np4": Mesh.build(2, 4),
@@ -101,3 +102,19 @@ def test_stiffness_is_the_energy_of_the_gradient(mesh) -> None:
     z = mesh.xyz[:, 2]
     energy = z @ (sparse.stiffness(mesh, np.ones(mesh.size)) @ z)
     assert energy == pytest.approx(8.0 * np.pi / 3.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("np_", [4, 5, 8])
+def test_smooth_functions_couple_with_their_neighbours_only(np_: int) -> None:
+    """With eight, at most, and with the energy of the gradient; constants have none."""
+    mesh = Mesh.build(6, np_)
+    space = smooth_functions(mesh)
+    matrix = sparse.stiffness(mesh, np.ones(mesh.size), space)
+    scale = abs(matrix).max()
+    assert ((abs(matrix) > 1e-12 * scale).sum(axis=1) <= 9).all()
+    assert abs(matrix - matrix.T).max() < 1e-13 * scale
+    assert np.abs(matrix.sum(axis=1)).max() < 1e-12 * scale
+    z = np.empty(space.numbers.max() + 1)
+    at_own = np.argmax(space.values, axis=0)  # each function is 1 at its own node
+    z[space.numbers] = mesh.xyz[mesh.nodes.reshape(mesh.elements, -1)[:, at_own], 2]
+    assert z @ matrix @ z == pytest.approx(8.0 * np.pi / 3.0, rel=2e-2)

@@ -6,6 +6,7 @@ equations must use these operators and not a compact Laplacian.
 
 from __future__ import annotations  # scipy.sparse is loaded where it is used
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -53,7 +54,8 @@ def gradient(mesh: Mesh) -> scipy.sparse.csr_array:
 
 def gradients(mesh: Mesh, space: ElementSpace, real: DTypeLike = float) -> scipy.sparse.csr_array:
     """Return (2N, V) [m-1], of the number type `real`: gradients of the functions."""
-    rows, (along_1, along_2) = mesh.nodes.reshape(mesh.elements, -1), _lines(mesh) @ space.values
+    rows = mesh.nodes.reshape(mesh.elements, -1)
+    along_1, along_2 = _lines(mesh.derivative, np.eye(mesh.np)) @ space.values
     east, north = np.empty((2, *rows.shape, space.values.shape[1]), real)
     for begin in range(0, mesh.elements, PART):
         part = slice(begin, begin + PART)
@@ -80,31 +82,50 @@ def stiffness(
 ) -> scipy.sparse.csr_array:
     """Return the integrals (N, N) of coefficient (N,) times grad phi . grad s of nodal functions.
 
-    With a `space`, whose `numbers` have no -1: the integrals (V, V) of its functions.
+    With a `space`, whose `numbers` have no -1: the integrals (V, V) of its functions. They and the
+    coefficient then count as linear between neighbouring GLL nodes, so that functions on different
+    cells do not couple.
     """
-    lines = _lines(mesh)
+    along, at, weights = mesh.derivative, np.eye(mesh.np), mesh.gll_weights
     numbers = mesh.nodes.reshape(mesh.elements, -1)
+    if space is not None:
+        along, at, weights = _between(mesh.gll_points)
+    lines, at = _lines(along, at), np.kron(at, at) * np.outer(weights, weights).reshape(-1, 1)
     if space is not None:
         lines, numbers = lines @ space.values, space.numbers
     parts = [slice(e, e + PART) for e in range(0, mesh.elements, PART)]
-    blocks = np.concatenate([_stiffness_of(mesh, coefficient, lines, part) for part in parts])
+    blocks = np.concatenate([_stiffness_of(mesh, coefficient, lines, at, part) for part in parts])
     sides, size = (numbers[:, :, None], numbers[:, None, :]), int(numbers.max()) + 1
     index = tuple(np.broadcast_to(side, blocks.shape).ravel() for side in sides)
     return scipy.sparse.coo_array((blocks.ravel(), index), (size, size)).tocsr()
 
 
-def _stiffness_of(mesh: Mesh, coefficient: Array, lines: Array, part: slice) -> Array:
-    """Return element matrices (part of E, k, k) for derivatives (2, np*np, k) of the functions."""
+def _stiffness_of(mesh: Mesh, coefficient: Array, lines: Array, at: Array, part: slice) -> Array:
+    """Return element matrices (part of E, k, k) by quadrature at p points.
+
+    lines: (2, p, k) derivatives of the functions; at: (p, np*np) interpolation times the weights.
+    """
     inverse = np.linalg.inv(np.einsum("eijak,eijbk->eijab", mesh.basis[part], mesh.basis[part]))
-    factor = mesh.quadrature * mesh.jacobian[part] * coefficient[mesh.nodes[part]]
-    metric = (factor[..., None, None] * inverse).reshape(len(factor), -1, 2, 2)
+    factor = mesh.jacobian[part] * coefficient[mesh.nodes[part]]
+    nodal = (factor[..., None, None] * inverse).reshape(len(factor), -1, 4)
+    metric = (at @ nodal).reshape(len(factor), -1, 2, 2)
     return np.asarray(np.einsum("apm,epab,bpn->emn", lines, metric, lines, optimize=True))
 
 
-def _lines(mesh: Mesh) -> Array:
-    """Return the derivatives (2, np*np, np*np) along xi1 and xi2 on an element."""
-    d, eye = mesh.derivative, np.eye(mesh.np)
-    return np.stack([np.kron(d, eye), np.kron(eye, d)])
+def _between(points: Array) -> tuple[Array, Array, Array]:
+    """Return derivatives and values (p, np) of linear interpolation, and the weights (p,).
+
+    The p points are two Gauss points in each interval between the `points`.
+    """
+    width, eye = np.repeat(np.diff(points), 2), np.repeat(np.eye(points.size), 2, axis=0)
+    left, right = eye[:-2], eye[2:]
+    share = np.tile(0.5 + np.array([-0.5, 0.5]) / math.sqrt(3.0), points.size - 1)[:, None]
+    return (right - left) / width[:, None], left + share * (right - left), 0.5 * width
+
+
+def _lines(along: Array, at: Array) -> Array:
+    """Return derivatives (2, p*p, np*np) along xi1 and xi2 from derivatives and values (p, np)."""
+    return np.stack([np.kron(along, at), np.kron(at, along)])
 
 
 def _derivatives(mesh: Mesh, along_1: Array, along_2: Array) -> scipy.sparse.csr_array:

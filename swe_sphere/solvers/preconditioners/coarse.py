@@ -13,7 +13,7 @@ import warp as wp
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from swe_sphere.arrays import Array, Integers
+from swe_sphere.arrays import Array, Integers, inverse_permutation
 from swe_sphere.kernels.coarse import assemble, transfer_kernels
 from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors
 from swe_sphere.mesh import Mesh
@@ -37,9 +37,7 @@ def coarse_spaces(mesh: Mesh) -> list[ElementSpace]:
     fourth), paired across element boundaries. At the eight cube corners, where three elements meet,
     directions cannot be paired: the third space has both, the fourth no function (V - 8 in all).
     """
-    ends = np.array(CORNERS) * (mesh.np - 1)
-    _, number = np.unique(mesh.nodes[:, ends[:, 0], ends[:, 1]], return_inverse=True)
-    vertices = number.reshape(mesh.elements, 4).astype(np.int32)
+    vertices = _numbered(mesh, np.array([0, mesh.np - 1]))
     hat = 0.5 * (1.0 - mesh.gll_points)
     pattern = hat * legendre.legval(-mesh.gll_points, np.eye(mesh.np)[-1])
     along_either = np.concatenate([_products(pattern, hat), _products(hat, pattern)], axis=1)
@@ -68,9 +66,19 @@ def smooth_functions(mesh: Mesh) -> ElementSpace:
     hats = np.stack([np.interp(points, points[kept], h) for h in np.eye(cells + 1)])
     hats = 0.5 * (hats + hats[::-1, ::-1])  # the same bits from either end
     values = np.einsum("pi,qj->ijpq", hats, hats).reshape(mesh.np**2, -1)
-    corners = mesh.nodes[:, kept][:, :, kept].reshape(mesh.elements, -1)
-    _, number = np.unique(corners, return_inverse=True)
-    return ElementSpace(values, number.reshape(corners.shape).astype(np.int32))
+    return ElementSpace(values, _numbered(mesh, kept))
+
+
+def _numbered(mesh: Mesh, kept: Integers) -> NDArray[np.int32]:
+    """Return numbers (E, k*k) of the nodes at the `kept` k GLL points in both directions.
+
+    They follow the lines of each face, so that their neighbours are at few distances.
+    """
+    nodes = mesh.nodes[:, kept][:, :, kept].reshape(6, mesh.ne, mesh.ne, kept.size, kept.size)
+    lines = nodes.swapaxes(2, 3)
+    _, first, inverse = np.unique(lines.ravel(), return_index=True, return_inverse=True)
+    numbers = inverse_permutation(np.argsort(first))[inverse].reshape(lines.shape)
+    return numbers.swapaxes(2, 3).reshape(mesh.elements, -1).astype(np.int32)
 
 
 def _products(along_1: Array, along_2: Array) -> Array:
