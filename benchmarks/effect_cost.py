@@ -140,7 +140,13 @@ def step_ratio(name: str, ne: int, np_: int, rounds: int) -> str:
 
 
 def seconds_of(stepper: Any, cycle: int) -> float:
-    """Return the mean CPU time [s] of a step over at least one cycle of the penalty."""
+    """Return the mean CPU time [s] of a step over at least one cycle of the penalty.
+
+    The run starts anew, because a long one without the penalty may become unstable.
+    """
+    stepper.start(stepper.model.initial_state())
+    for _ in range(cycle):
+        stepper.step()
     steps, start = 0, time.process_time()
     while steps == 0 or time.process_time() - start < BATCH:
         for _ in range(cycle):

@@ -53,26 +53,40 @@ class Cost:
         return Cost(self.loads * factor, self.stores * factor, self.flops * factor)
 
 
+NATIVE_COSTS = {
+    "load": Cost(loads=1.0),
+    "load_nodes": Cost(loads=1.0),
+    "put": Cost(stores=1.0),
+    "product": Cost(flops=1.0),
+    "clip": Cost(flops=2.0),
+    "step": Cost(2.0, 2.0, 7.0),
+    "mix_run": Cost(4.0, 1.0, 9.0),
+    "diffusive_run": Cost(6.0, 2.0, 10.0),
+}
+"""Costs of functions in C++ with one number a thread, by name; `mix_run` with three levels."""
+
+
 def cost(kernel: wp.Kernel, contributors: float) -> Cost:
     """Return the cost of one thread; contributors: mean number of elements that share a node."""
     text = source(kernel)
     gather = Cost(loads=contributors, flops=contributors - 1.0)
-    known = {m[1]: cost for m in NATIVE.finditer(text) if (cost := _native(m[1], m[2], gather))}
+    found = [m for m in NATIVE.finditer(text) if not m[1].startswith("adj_")]
+    known = {m[1]: _native(m[1], m[2], gather) for m in found}
     bodies = {m[1]: Function(m[2], m[3], known) for m in FUNCTION.finditer(text)}
     thread = Function(*_entry(text), known)
     return thread.cost(bodies)
 
 
-def _native(name: str, body: str, gather: Cost) -> Cost | None:
-    """Return the cost of a C++ function for one node; None if it is for another launch shape."""
+def _native(name: str, body: str, gather: Cost) -> Cost:
+    """Return the cost of a C++ function for one node; raise KeyError for one that is not known."""
     if name.startswith("stage_store"):
         return Cost(stores=float(re.findall(r"f < (\d+)", body)[0]))
     if name.startswith("shared_lines__locals__line_sum"):  # of rows that threads share
         points, rows = (int(re.findall(rf"{each} < (\d+)", body)[0]) for each in "mk")
         return Cost(flops=2.0 * points * rows)
-    costs = {"entry_of": Cost(loads=1.0), "put_of": Cost(stores=1.0)}
-    costs |= {"load_of": Cost(loads=1.0), "gather_of": gather}
-    return next((cost for start, cost in costs.items() if name.startswith(start)), None)
+    if name.startswith("shared_lines"):
+        return Cost()  # of the memory that threads share
+    return (NATIVE_COSTS | {"gather": gather})[re.sub(r"_\d+$", "", name.split("__")[-1])]
 
 
 def _entry(text: str) -> tuple[str, str]:

@@ -159,11 +159,11 @@ def counts() -> Section:
         "a right-hand side or a tangent, two for a gradient and one for a divergence, in "
         "float64, and in float32 inside the preconditioner. Each coarse correction sends the "
         "integrals over the elements around a partition and, after each sweep, one number for "
-        "each coarse function in the ring around it. Sums and coarse residuals, which go from "
+        "each coarse function in the ring around it. Sums and coarse integrals, which go from "
         "all ranks to all, are not among these bytes. Runs with more ranks than the machine has "
         "cores show only counts and bits of the state.",
         ["stepper", "ranks", "neighbours", "exchanges", "messages", "sent [B]", "expected [B]",
-         "sums", "coarse residuals to all", "bits"],
+         "sums", "coarse integrals to all", "bits"],
         rows,
     )  # fmt: skip
 

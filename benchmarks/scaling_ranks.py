@@ -27,7 +27,7 @@ PIECES = 12
 SIZES = (8, 1024, 16384, 131072)
 """Sizes of messages between two ranks [bytes]."""
 ROUND_TRIPS = 300
-KERNELS = {"sweeps": "sweep_kernel__", "longest": "tall_kernels__"}
+KERNELS = {"sweeps": "coarse_step", "longest": "tall_"}
 LOOKED_AT = 3
 """Number of steps whose solves of the coarse level are timed."""
 
@@ -112,7 +112,7 @@ class Counted:
         for halo, others, of_all in self._halos:
             n = self._exchanges[halo]
             sent = n * halo.going.bytes
-            if of_all:  # the residual of smooth coarse functions
+            if of_all:  # the integrals of smooth coarse functions
                 found.update({"coarse": n, "coarse bytes": sent // others})
             else:
                 found.update(exchanges=n, messages=n * others, bytes=sent)

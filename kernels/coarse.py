@@ -63,7 +63,7 @@ runs_sum, numbers_sum = entries_sum("*runs(from)"), entries_sum("*from")
 
 
 @kernel
-def chebyshev_step(
+def coarse_step(
     at: Numbers, begin: Numbers, values: registers, per_diagonal: registers, size: real,
     b: registers, flat_x: vector, x: registers, after: registers,
 ):  # fmt: skip

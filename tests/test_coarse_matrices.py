@@ -33,7 +33,7 @@ def filled(mesh: DeviceMesh, values: np.ndarray) -> Field:
     return made
 
 
-def test_sweep(mesh: DeviceMesh) -> None:
+def test_step_over_rows(mesh: DeviceMesh) -> None:
     rng = np.random.default_rng(3)
     matrix = sp.csr_array(dense(ROWS, ROWS))
     given = per_diagonal, b, x = rng.standard_normal((3, ROWS))

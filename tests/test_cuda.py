@@ -101,6 +101,7 @@ def kernels(real: type) -> list[wp.Kernel]:
         restrict,
         prolong,
         specialise(helmholtz.substitute_kernel(real), wp.float32),
+        specialise(helmholtz.to_nodes_kernel(real), wp.float32),
         specialise(damping.joined_kernel(real), wp.float32),
         *(kernel for module in (helmholtz, coarse, damping) for kernel in kernels_of(module)),
         *(field_kernel(outer, formula) for formula in (gradient, transport(), transport(True))),
@@ -124,6 +125,14 @@ def test_kernels_compile_for_cuda(real: type, tmp_path) -> None:
         assert ".entry" in code.read_text()
         if find_ptxas() is not None:
             assert [made.spills for made in assemble(code, ARCHITECTURES).values()] == [0, 0]
+
+
+@with_cuda
+@pytest.mark.parametrize("real", [wp.float64, wp.float32])
+def test_prolongation_fuses_no_sum_with_a_product(real: type, tmp_path) -> None:
+    """The bits of a node would otherwise depend on the order of the functions on its element."""
+    _, prolong, _ = coarse.transfer_kernels(KernelTypes(4, real, "node"), 16)
+    assert "fma.rn" not in compile_ptx(prolong, tmp_path).read_text()
 
 
 @with_cuda

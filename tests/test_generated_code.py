@@ -72,7 +72,7 @@ class Code:
     def branches(self) -> int:
         """Conditions but ends of loops, those of DSS, which nodes need it, and what is a stage."""
         of_warp = r"_store\w+\(.*?^\}"
-        of_ours = r"(_gather|_load_nodes|stage_store)\w+\(.*?^    \}"
+        of_ours = r"(gather|_load_nodes|stage_store)\w+\(.*?^\}$"
         own = rf"^static [^\n]* ({of_warp}|{of_ours})"
         text = re.sub(own, "", self.text, flags=re.M | re.S)
         conditions = re.findall(r"\bif \((?!.*\) goto end_for_)", text)

@@ -112,7 +112,11 @@ def converting(given: Any) -> tuple[Any, Any]:
     return load_as, put_as
 
 
-@Register.func_native(source("pick"))
+EACH_LANE = source("each_lane")
+"""Beginning of functions that find the numbers of a register one by one."""
+
+
+@Register.func_native(EACH_LANE + source("pick"))
 def pick(x: vector, places: Numbers, first: int) -> value:
     """Return x at the places from `first` on."""
 
@@ -157,6 +161,6 @@ load_given: Any = Placeholder(lambda of: _load_nodes(of.register, of.given), of_
 """Variant of `load_nodes` for a vector of the number type `given`."""
 
 
-@Register.func_native(source("gather"))
+@Register.func_native(EACH_LANE + source("gather"))
 def gather(local: vector, places: Places, first: int, offset: int) -> value:
     """Return the sums over the contributors of the nodes from `first` on (DSS)."""

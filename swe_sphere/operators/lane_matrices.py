@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.kernels import Register
-from swe_sphere.kernels.coarse import chebyshev_step, tall_parts, tall_product, tall_total
+from swe_sphere.kernels.coarse import coarse_step, tall_parts, tall_product, tall_total
 from swe_sphere.operators.device_mesh import DeviceMesh, Field
 
 
@@ -44,12 +44,12 @@ class SlicedMatrix:
 
     Each group of `lanes` rows stores one register for each diagonal on which it has an entry. This
     register multiplies consecutive numbers of a vector, so that no numbers are gathered lane by
-    lane, which takes longer; numberings that follow the elements have few diagonals.
+    lane, which takes longer; numberings that follow lines of the mesh have few diagonals.
     """
 
     def __init__(self, mesh: DeviceMesh, matrix: scipy.sparse.csr_array) -> None:
         register = Register(mesh.real, mesh.lanes, whole=False)
-        self._launch, (self._kernel,) = mesh.launch, mesh.launch.compile(register, chebyshev_step)
+        self._launch, (self._kernel,) = mesh.launch, mesh.launch.compile(register, coarse_step)
         self._groups = -(-matrix.shape[0] // mesh.lanes)
         starts, diagonals, values = _grouped(mesh, matrix, shifted=True)
         self._entries = starts, wp.array(diagonals, dtype=wp.int32, device=mesh.device), values

@@ -142,10 +142,11 @@ class SchurOperator:
             arrays[name] = wp.zeros(size, dtype=self._value, device=mesh.device)
         self._geometry = mesh.geometry(types.geometry, arrays)
         self._to_nodes = functools.cache(lambda g: mesh.over_nodes(helmholtz.to_nodes_kernel(g)))
+        """Function of a number type that returns the function that copies fields to nodes."""
         self._to_field = functools.cache(
-            lambda g: mesh.launch.compile(mesh.types(given=g, whole=False), helmholtz.to_field)
+            lambda g: mesh.launch.compile(mesh.types(given=g, whole=False), helmholtz.to_field)[0]
         )
-        """Kernels that copy vectors of a number type from and to fields."""
+        """Function of a number type that returns the kernel that copies nodal vectors to fields."""
         self._f1, self._f2 = self.field(), self.field()
         self._local = mesh.local(1, self._value)
         self._slopes, rows = mesh.local(1, self._value, 2), mesh.rows // mesh.points
@@ -169,7 +170,7 @@ class SchurOperator:
 
     def to_field(self, x: wp.array, out: Field) -> None:
         """Copy a nodal vector (N,) of any number type to a field."""
-        (kernel,) = self._to_field(x.dtype)
+        kernel = self._to_field(x.dtype)
         self.mesh.launch(kernel, self.dim, 0, self.mesh.nodes, x, out.values, cuts=self.mesh.cuts)
 
     def to_nodes(self, x: Field, out: wp.array) -> None:

@@ -1,7 +1,7 @@
 """Discrete operators as sparse matrices: gradient, divergence, stiffness; others by probing.
 
-The matrices equal the operators of the kernels entry by entry: block elimination of the linearised
-equations must use these operators and not a compact Laplacian.
+The matrices of nodal fields equal the operators of the kernels entry by entry: block elimination of
+the linearised equations must use these operators and not a compact Laplacian.
 """
 
 from __future__ import annotations  # scipy.sparse is loaded where it is used
@@ -82,33 +82,33 @@ def stiffness(
 ) -> scipy.sparse.csr_array:
     """Return the integrals (N, N) of coefficient (N,) times grad phi . grad s of nodal functions.
 
-    With a `space`, whose `numbers` have no -1: the integrals (V, V) of its functions. They and the
-    coefficient then count as linear between neighbouring GLL nodes, so that functions on different
-    cells do not couple.
+    With a `space`, whose `numbers` have no -1: the integrals (V, V) of its functions. They then
+    count as bilinear between GLL nodes, and the metric terms times the coefficient as well, so that
+    functions on different cells do not couple.
     """
     along, at, weights = mesh.derivative, np.eye(mesh.np), mesh.gll_weights
-    numbers = mesh.nodes.reshape(mesh.elements, -1)
+    values, numbers = np.eye(mesh.np**2), mesh.nodes.reshape(mesh.elements, -1)
     if space is not None:
         along, at, weights = _between(mesh.gll_points)
-    lines, at = _lines(along, at), np.kron(at, at) * np.outer(weights, weights).reshape(-1, 1)
-    if space is not None:
-        lines, numbers = lines @ space.values, space.numbers
+        values, numbers = space.values, space.numbers
+    lines = _lines(along, at) @ values
+    means = np.outer(weights, weights).reshape(-1, 1) * np.kron(at, at)
     parts = [slice(e, e + PART) for e in range(0, mesh.elements, PART)]
-    blocks = np.concatenate([_stiffness_of(mesh, coefficient, lines, at, part) for part in parts])
+    blocks = np.concatenate([_stiffness_of(mesh, coefficient, lines, means, p) for p in parts])
     sides, size = (numbers[:, :, None], numbers[:, None, :]), int(numbers.max()) + 1
     index = tuple(np.broadcast_to(side, blocks.shape).ravel() for side in sides)
     return scipy.sparse.coo_array((blocks.ravel(), index), (size, size)).tocsr()
 
 
-def _stiffness_of(mesh: Mesh, coefficient: Array, lines: Array, at: Array, part: slice) -> Array:
+def _stiffness_of(mesh: Mesh, coefficient: Array, lines: Array, means: Array, part: slice) -> Array:
     """Return element matrices (part of E, k, k) by quadrature at p points.
 
-    lines: (2, p, k) derivatives of the functions; at: (p, np*np) interpolation times the weights.
+    lines: (2, p, k) derivatives of the functions; means: (p, np*np) interpolation times weights.
     """
     inverse = np.linalg.inv(np.einsum("eijak,eijbk->eijab", mesh.basis[part], mesh.basis[part]))
     factor = mesh.jacobian[part] * coefficient[mesh.nodes[part]]
     nodal = (factor[..., None, None] * inverse).reshape(len(factor), -1, 4)
-    metric = (at @ nodal).reshape(len(factor), -1, 2, 2)
+    metric = (means @ nodal).reshape(len(factor), -1, 2, 2)
     return np.asarray(np.einsum("apm,epab,bpn->emn", lines, metric, lines, optimize=True))
 
 

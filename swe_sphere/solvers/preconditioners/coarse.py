@@ -323,17 +323,17 @@ class CoarseCorrection:
 
     def correct(self, b: Field, x: Field, add: bool = True) -> None:
         """Add the correction for the residual b to x, or set x to it."""
-        found, new, matrix = self._x, self._new, self._smooth
+        now, new, matrix = self._x, self._new, self._smooth
         self._part.restrict(b, self._b)
-        self._solve_longest(found)
+        self._solve_longest(now)
         for number, size in enumerate(self._sizes, 1):
-            matrix.chebyshev_step(size, self._per_diagonal, self._b, found, new)
+            matrix.chebyshev_step(size, self._per_diagonal, self._b, now, new)
             if number < len(self._sizes):
                 self._operator.mesh.exchange(new)
-            found, new, matrix = new, found, self._matrix
+            now, new, matrix = new, now, self._matrix
         if not add:
             x.values.zero_()
-        self._part.prolong(found, x)
+        self._part.prolong(now, x)
 
     def _solve_longest(self, out: Field) -> None:
         """Set out = P A^-1 P^T b for the longest waves."""
