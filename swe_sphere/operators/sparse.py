@@ -93,7 +93,8 @@ def stiffness(
         values, numbers = space.values, space.numbers
     lines = _lines(along, at) @ values
     means = np.outer(weights, weights).reshape(-1, 1) * np.kron(at, at)
-    parts = [slice(e, e + PART) for e in range(0, mesh.elements, PART)]
+    at_once = max(1, PART * mesh.np**2 // len(means))
+    parts = [slice(e, e + at_once) for e in range(0, mesh.elements, at_once)]
     blocks = np.concatenate([_stiffness_of(mesh, coefficient, lines, means, p) for p in parts])
     sides, size = (numbers[:, :, None], numbers[:, None, :]), int(numbers.max()) + 1
     index = tuple(np.broadcast_to(side, blocks.shape).ravel() for side in sides)
@@ -105,9 +106,10 @@ def _stiffness_of(mesh: Mesh, coefficient: Array, lines: Array, means: Array, pa
 
     lines: (2, p, k) derivatives of the functions; means: (p, np*np) interpolation times weights.
     """
-    inverse = np.linalg.inv(np.einsum("eijak,eijbk->eijab", mesh.basis[part], mesh.basis[part]))
-    factor = mesh.jacobian[part] * coefficient[mesh.nodes[part]]
-    nodal = (factor[..., None, None] * inverse).reshape(len(factor), -1, 4)
+    metric = np.einsum("eijak,eijbk->eijab", mesh.basis[part], mesh.basis[part])
+    adjugate = metric[..., ::-1, ::-1] * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    factor = coefficient[mesh.nodes[part]] / mesh.jacobian[part]
+    nodal = (factor[..., None, None] * adjugate).reshape(len(factor), -1, 4)
     metric = (means @ nodal).reshape(len(factor), -1, 2, 2)
     return np.asarray(np.einsum("apm,epab,bpn->emn", lines, metric, lines, optimize=True))
 
