@@ -47,8 +47,10 @@ stores them then computes their divergence; otherwise the kernel `divergence` do
 def assemble(geo: geometry, field: local, flat: vector, e: int, n: int):
     """Return the sum over the contributors of an element's node, not divided by the nodal area."""
     total = field[e, n, 0]
-    on_1 = (n // np_) % (np_ - 1) == 0
-    on_2 = (n % np_) % (np_ - 1) == 0
+    i = n // np_
+    j = n % np_
+    on_1 = i == 0 or i == np_ - 1
+    on_2 = j == 0 or j == np_ - 1
     if on_1 or on_2:
         total += load_runs(flat, geo.runs[e, n, 0], geo.others)
     if on_1 and on_2:
