@@ -7,11 +7,11 @@ import warp as wp
 
 from swe_sphere.kernels.define import index, kernel, real, specialise, value, vector
 from swe_sphere.kernels.simd.arithmetic import (
+    add_functions,
     columns_products,
     entries_sum,
-    functions_sum,
+    integrate_functions,
     mul,
-    rows_product,
 )  # fmt: skip
 from swe_sphere.kernels.simd.memory import Numbers, Places, gather
 from swe_sphere.kernels.terms import KernelTypes, local
@@ -32,12 +32,12 @@ def transfer_kernels(t: KernelTypes, functions: int) -> tuple[Any, Any, tuple[in
     """
     points = t.np * t.np
     few, many = (functions, points) if t.shape == "element" else (1, 1)
-    integrals, add = rows_product(few, points), functions_sum(functions, points)
+    integrate, add = integrate_functions(few, points), add_functions(functions, points)
 
     @kernel
     def restrict(begin: int, values: matrix, mass: each, b: local, out: each):
         e, part = wp.tid()
-        integrals(values, mass, b, begin + e, part * few, functions, out)
+        integrate(values, mass, b, begin + e, part * few, functions, out)
 
     @kernel
     def prolong(

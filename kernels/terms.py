@@ -145,8 +145,7 @@ class KernelTypes:
 np_: Any = Placeholder(lambda t: t.np, of_elements=True)
 share: Any = Placeholder(lambda t: t.share, of_elements=True)
 geometry: Any = Placeholder(lambda t: t.geometry, of_elements=True)
-given: Any = Placeholder(lambda t: t.given, of_elements=True)
-"""Number type of state vectors.  These four names are the members of `KernelTypes` in kernels."""
+"""These three names are the members of `KernelTypes` in kernels."""
 state_vector: Any = Placeholder(lambda t: wp.array(dtype=t.given), of_elements=True)
 """Array type of a state vector."""
 output: Any = Placeholder(

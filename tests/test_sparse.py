@@ -106,7 +106,10 @@ def test_stiffness_is_the_energy_of_the_gradient(mesh) -> None:
 
 @pytest.mark.parametrize("np_", [4, 5, 8])
 def test_smooth_functions_couple_with_their_neighbours_only(np_: int) -> None:
-    """With eight, at most, and with the energy of the gradient; constants have none."""
+    """A function couples with eight others at most; its energy is that of the gradient.
+
+    Constants have no energy.
+    """
     mesh = Mesh.build(6, np_)
     space = smooth_functions(mesh)
     matrix = sparse.stiffness(mesh, np.ones(mesh.size), space)

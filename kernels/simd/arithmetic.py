@@ -53,24 +53,24 @@ def line_sums(np_: int, kind: Any = value, transposed: bool = False) -> tuple[An
 
 
 @functools.cache
-def rows_product(rows: int, columns: int) -> Any:
-    """Return the device function that integrates `rows` coarse functions over group e of elements.
+def integrate_functions(rows: int, columns: int) -> Any:
+    """Return the device function that integrates b times coarse functions over group e of elements.
 
-    out[e, k] is the sum over n of m[k, n] mass[e, n] b[e, n], from k = `first` on, four at a time,
-    so that their additions overlap. The shape of `out` is (groups, of_all).
+    out[e, k] becomes the sum over n of m[k, n] mass[e, n] b[e, n], for `rows` functions k from
+    `first` on, four at a time, so that their additions overlap; `out` has shape (groups, of_all).
     """
 
-    @Register.func_native(source("rows_product", rows=rows, columns=columns))
-    def product(
+    @Register.func_native(source("integrate_functions", rows=rows, columns=columns))
+    def integrate(
         m: wp.array2d(dtype=real), mass: wp.array2d(dtype=value), b: wp.array3d(dtype=value),
         e: int, first: int, of_all: int, out: wp.array2d(dtype=value),
     ): ...  # fmt: skip
 
-    return product
+    return integrate
 
 
 @functools.cache
-def functions_sum(functions: int, points: int) -> Any:
+def add_functions(functions: int, points: int) -> Any:
     """Return the device function that adds coarse functions to x at points from `begin` to `end`.
 
     Group e of elements has the functions `numbers`, multiplied by the coefficients there. The last
@@ -79,7 +79,7 @@ def functions_sum(functions: int, points: int) -> Any:
     """
     given = {"functions": functions, "smooth": functions - 12, "points": points}
 
-    @Register.func_native(source("functions_sum", **given))
+    @Register.func_native(source("add_functions", **given))
     def add(
         values: wp.array2d(dtype=real), numbers: wp.array2d(dtype=index), coefficients: vector,
         e: int, begin: int, end: int, x: wp.array3d(dtype=value),

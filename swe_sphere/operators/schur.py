@@ -59,7 +59,7 @@ class Damping:
         squares = np.maximum(squares, 0.0)  # eigenvalues of the weak Laplacian on [-1, 1]
         self._to_modes = mesh.upload(vectors.T * weights)
         self._to_nodes = mesh.upload(vectors)
-        inverse = np.linalg.inv(np.einsum("eijak,eijbk->eijab", basis, basis)).mean(axis=(1, 2))
+        inverse = sparse.inverse_metric(basis, mesh.mesh.jacobian).mean(axis=(1, 2))
         along_1, along_2 = inverse[:, 0, 0, None, None], inverse[:, 1, 1, None, None]
         rates = rate(along_1 * squares[:, None] + along_2 * squares)  # of products of the modes
         self._rates: Array = rates[mesh.part.element_numbers]

@@ -106,12 +106,18 @@ def _stiffness_of(mesh: Mesh, coefficient: Array, lines: Array, means: Array, pa
 
     lines: (2, p, k) derivatives of the functions; means: (p, np*np) interpolation times weights.
     """
-    metric = np.einsum("eijak,eijbk->eijab", mesh.basis[part], mesh.basis[part])
-    adjugate = metric[..., ::-1, ::-1] * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    factor = coefficient[mesh.nodes[part]] / mesh.jacobian[part]
-    nodal = (factor[..., None, None] * adjugate).reshape(len(factor), -1, 4)
-    metric = (means @ nodal).reshape(len(factor), -1, 2, 2)
+    basis, jacobian = mesh.basis[part], mesh.jacobian[part]
+    factor = jacobian * coefficient[mesh.nodes[part]]
+    nodal = factor[..., None, None] * inverse_metric(basis, jacobian)
+    metric = (means @ nodal.reshape(len(factor), -1, 4)).reshape(len(factor), -1, 2, 2)
     return np.asarray(np.einsum("apm,epab,bpn->emn", lines, metric, lines, optimize=True))
+
+
+def inverse_metric(basis: Array, jacobian: Array) -> Array:
+    """Return the inverse (e, np, np, 2, 2) [m-2] of the metric, whose determinant is jacobian^2."""
+    metric = np.einsum("eijak,eijbk->eijab", basis, basis)
+    adjugate = metric[..., ::-1, ::-1] * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    return np.asarray(adjugate / jacobian[..., None, None] ** 2)
 
 
 def _between(points: Array) -> tuple[Array, Array, Array]:

@@ -1,4 +1,4 @@
-// Body of add in functions_sum of arithmetic.py.
+// Body of add in add_functions of arithmetic.py.
 alignas(64) number found[$functions * lanes];
 const auto number_of = reinterpret_cast<const int*>(numbers.data + e * $functions);
 #pragma clang loop vectorize(disable) unroll_count(16)  // the processor's own gathers are slow

@@ -1,4 +1,4 @@
-// Body of product in rows_product of arithmetic.py.
+// Body of integrate in integrate_functions of arithmetic.py.
 alignas(64) run weighted[$columns];
 for (int n = 0; n < $columns; ++n)
     weighted[n] = runs(mass.data)[e * $columns + n] * runs(b.data)[e * $columns + n];
