@@ -9,9 +9,9 @@ from collections.abc import Iterable, Mapping
 from functools import reduce
 from pathlib import Path
 from types import NoneType
-from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, TypeAdapter, ValidationError
 
 from swe_sphere.errors import ConfigError, shown, unknown_name
 from swe_sphere.files.durable import contents_of
@@ -73,6 +73,9 @@ def read_settings(given: object) -> tuple[Setting, ...]:
         if isinstance(given, Mapping):
             choice = "tables [set.EFFECT] of parameters, or EFFECT.PARAMETER=VALUE"
         raise ConfigError(f"{flag_of('settings')}: must be {choice}, got {shown(given)}") from None
+
+
+Settings = Annotated[tuple[Setting, ...], BeforeValidator(read_settings)]
 
 
 def _setting(item: Any) -> Setting:

@@ -5,27 +5,11 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypedDict
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    TypeAdapter,
-    ValidationError,
-)
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter
 
 from swe_sphere.equations.scene import LARGEST_COUNT, LONGEST_DAYS
 from swe_sphere.errors import ConfigError, shown, unknown_name
-from swe_sphere.settings.values import (
-    FIELD_OWNERS,
-    STEPPER,
-    Setting,
-    by_owner,
-    names_in,
-    read_settings,
-    validate,
-)
+from swe_sphere.settings.values import FIELD_OWNERS, STEPPER, Settings, names_in, validate
 from swe_sphere.simulation.planning import meant_hours
 
 
@@ -38,7 +22,7 @@ def or_auto(kind: Any, words: str) -> BeforeValidator:
             return "auto"
         try:
             return adapter.validate_python(value)
-        except ValidationError:
+        except ValueError:
             raise ValueError(f"must be {words} or 'auto'") from None
 
     return BeforeValidator(read)
@@ -84,7 +68,6 @@ NumberOrText = Annotated[float, _not_of(bool), Field(gt=0.0)]
 """A positive number, also as text."""
 WholeOrText = Annotated[int, _not_of(bool)]
 TimeStep = Annotated[float | Literal["auto"], or_auto(NumberOrText, "a positive number of seconds")]
-Settings = Annotated[tuple[Setting, ...], BeforeValidator(read_settings)]
 Count = Annotated[
     int | Literal["auto"], or_auto(Annotated[WholeOrText, Field(gt=0)], "a whole number from 1 on")
 ]
@@ -233,7 +216,7 @@ class RunConfig(SharedConfig):
 
         Raises ConfigError for a value that is also set by a separate field, such as `alpha`.
         """
-        values = by_owner(self.settings).get(owner, {})
+        values = {each.parameter: each.value for each in self.settings if each.owner == owner}
         for name in (name for name, of in FIELD_OWNERS.items() if of == owner):
             if (value := getattr(self, name)) is not None:
                 if name in values:
@@ -247,7 +230,7 @@ class RunConfig(SharedConfig):
         return self.settings_of(STEPPER).get("preconditioner")
 
     @property
-    def scene_settings(self) -> tuple[Setting, ...]:
+    def scene_settings(self) -> Settings:
         """The settings without options of the stepper."""
         return tuple(each for each in self.settings if each.owner != STEPPER)
 

@@ -762,8 +762,7 @@ class Simulation(errors.NotCopyable):
         `swe_sphere.pictures.look.Look`.
         Raises ConfigError for an unknown field.
         """
-        axes: GeoAxes = self.to_xarray().swe.plot(field, ax=ax, **look)
-        return axes
+        return self.to_xarray().swe.plot(field, ax=ax, **look)
 
     @exclusive
     def checkpoint(self, path: str | Path) -> Path:

@@ -13,6 +13,7 @@ from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.user_file import is_custom, is_user_file
 from swe_sphere.settings.registry import file_or_name
 from swe_sphere.settings.values import (
+    Settings,
     by_field,
     flag_of,
     merged,
@@ -126,7 +127,7 @@ class SweepPlan(SharedConfig):
     """Lat-lon reference solution of a report day; repeatable."""
     slow: bool | None = None
     """Compute the slow-flow error; the default is true if the initial state sheds waves."""
-    settings: config.Settings = ()
+    settings: Settings = ()
     """Change an effect or the scene; repeatable."""
     name: Annotated[str, AfterValidator(_of_folder)] = ""
     """Name of its folder in a recipe; empty: the name of the scene."""
