@@ -49,10 +49,7 @@ class Grid:
 
 
 def parse_grid(text: str) -> Grid:
-    """Return the grid of that name: latlon:ROWSxCOLUMNS or gaussian:N.
-
-    Raises ConfigError for another text, or numbers too small or large.
-    """
+    """Return the grid latlon:ROWSxCOLUMNS or gaussian:N; ConfigError for other texts or sizes."""
     if found := re.fullmatch(r"latlon:(\d{1,9})x(\d{1,9})", text):
         return lat_lon(*map(int, found.groups()))
     if found := re.fullmatch(r"gaussian:(\d{1,9})", text):

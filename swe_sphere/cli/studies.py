@@ -79,10 +79,7 @@ def stress(
 
 
 def _run(context: typer.Context, folder: str, cases: Sequence[Case], describe: Describe) -> int:
-    """Run cases of a folder with the options of a command; return the exit status.
-
-    The rows are printed, and written with their numbers as a page.
-    """
+    """Run cases of a folder, print them and write them as a page; return the exit status."""
     from swe_sphere.studies.cases import Measure, count_outcomes, page, run_cases
     from swe_sphere.studies.jobs import checked_jobs
     from swe_sphere.studies.record_store import Store

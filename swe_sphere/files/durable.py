@@ -29,10 +29,7 @@ PATIENCE = 0.2
 
 
 def write_whole(path: Path, contents: str | bytes) -> None:
-    """Write a file, text in UTF-8, and its folder if necessary; both are then on the disk.
-
-    Raises RunFailed if the disk fails; the old file is then still in place.
-    """
+    """Write a file, text in UTF-8, and its folder to the disk; RunFailed leaves the old file."""
     with translate_errors(f"cannot write {path}", RunFailed, MENDING):
         path.parent.mkdir(parents=True, exist_ok=True)
         with suppress(ConfigError):  # another program may write this file, too
@@ -220,10 +217,7 @@ def remove(path: Path) -> None:
 
 
 def allocate(file: int, path: Path, size: int) -> None:
-    """Make sure that an open file can grow to `size` bytes; raises OSError otherwise.
-
-    If the file system cannot allocate ahead, its free space must suffice.
-    """
+    """Raise OSError unless an open file can grow to `size` bytes, or at least the disk has room."""
     try:
         os.posix_fallocate(file, 0, size)
     except OSError as error:

@@ -119,10 +119,7 @@ class GrowingOutput:
 
 
 class GrowingFile(GrowingOutput):
-    """A netCDF classic file.
-
-    size: bytes to which the file must be able to grow. The methods raise OSError.
-    """
+    """A netCDF classic file that can grow to `size` bytes. The methods raise OSError."""
 
     def __init__(self, place: Path, size: int) -> None:
         super().__init__(place)

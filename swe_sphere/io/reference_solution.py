@@ -211,10 +211,7 @@ class Exact:
 
 
 def open_source(path: str | os.PathLike[str]) -> RunFile | Reference:
-    """Return a file of a run, or a reference on a latitude-longitude grid, whichever it is.
-
-    Raises ConfigError if it is neither, missing or damaged.
-    """
+    """Return a file of a run, or a reference on a grid; ConfigError if it is neither or damaged."""
     with reading(path) as data:
         on_grid = {"lat", "lon"} <= data.sizes.keys()
     return Reference(path) if on_grid else RunFile(path)

@@ -246,10 +246,7 @@ class Nodal(Source):
 
 
 class RunFile(Nodal):
-    """A file written by `FrameWriter`.
-
-    Raises ConfigError if the file is missing, damaged, or of another kind.
-    """
+    """A file of `FrameWriter`; ConfigError if it is missing, damaged, or of another kind."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)

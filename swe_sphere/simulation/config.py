@@ -212,10 +212,7 @@ class RunConfig(SharedConfig):
     """Print errors only."""
 
     def settings_of(self, owner: str) -> dict[str, Any]:
-        """Return the values set for an effect, for the scene or for the stepper, by parameter.
-
-        Raises ConfigError for a value that is also set by a separate field, such as `alpha`.
-        """
+        """Return the values set for an owner, by parameter; ConfigError if a field sets one too."""
         values = {each.parameter: each.value for each in self.settings if each.owner == owner}
         for name in (name for name, of in FIELD_OWNERS.items() if of == owner):
             if (value := getattr(self, name)) is not None:

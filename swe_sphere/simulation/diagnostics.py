@@ -96,10 +96,7 @@ class Snapshot:
 
     @property
     def diagnostics(self) -> Numbers:
-        """Return all numbers: integrals, drifts, Courant numbers, errors, user-defined diagnostics.
-
-        Raises RunFailed if a user-defined diagnostic fails.
-        """
+        """Integrals, drifts, Courant numbers, errors, own diagnostics; RunFailed if one fails."""
         return self._numbers | {k: float(x) for k, x in self.user_values.items() if x.ndim == 0}
 
     @property
@@ -313,10 +310,7 @@ def _is_taken(name: str) -> bool:
 
 
 def load_diagnostics(path: Path) -> None:
-    """Register the diagnostics that a Python file defines.
-
-    Raises ConfigError if the file has none, or one with the name of one of another file.
-    """
+    """Register the diagnostics in a file; ConfigError without any, or for names of another file."""
     before = dict(DIAGNOSTICS)
     load_file(path, "diagnostic")
     if before == DIAGNOSTICS:

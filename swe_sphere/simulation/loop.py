@@ -123,10 +123,7 @@ class Loop:
         return next(due, end)
 
     def _advance(self, stop: int) -> bool:
-        """Take steps, with the clock running, up to that number or until a rank must stop.
-
-        Returns, on all ranks, whether a rank must stop.
-        """
+        """Take timed steps up to that number; return, on all ranks, whether a rank must stop."""
         import warp as wp
 
         sim, model, start = self.sim, self.sim.model, time.monotonic()

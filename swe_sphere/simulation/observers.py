@@ -491,10 +491,7 @@ def every(
 
 
 def read_callbacks(callbacks: Iterable[Any]) -> list[Observer]:
-    """Return the callbacks of a run as observers: a plain function is called after every step.
-
-    Raises ConfigError if one of them cannot be called, or they are no list.
-    """
+    """Return callbacks as observers: functions are called every step; ConfigError for others."""
     if not isinstance(callbacks, Iterable):
         raise ConfigError(f"callbacks: give a list of functions, got {callbacks!r}")
     return [each if isinstance(each, Observer) else Callback(each) for each in callbacks]

@@ -137,10 +137,7 @@ LENGTHS = "step_lengths"
 
 
 class Restart:
-    """The checkpoint that a run resumes from; ConfigError if it is missing or damaged.
-
-    path: path of the checkpoint, or of the file of frames beside it.
-    """
+    """The checkpoint at a path, or beside that file; ConfigError if it is missing or damaged."""
 
     def __init__(self, path: Path) -> None:
         from swe_sphere.io.checkpoint import read_checkpoint  # scipy.io is slow to import
@@ -234,10 +231,7 @@ class Restart:
         return RunPlan(dt, self.steps, self.steps, dt, "that of the restart file", cycle)
 
     def load_into(self, stepper: Trajectory, before: int) -> None:
-        """Load the arrays into a stepper, which then resumes; ConfigError if they do not fit.
-
-        before: number of steps that were taken with other steppers.
-        """
+        """Load the arrays into a stepper after `before` steps of others; ConfigError if unfit."""
         try:
             stepper.load_state_dict(self.arrays, self.steps - before)
             for name, array in self.arrays.items():

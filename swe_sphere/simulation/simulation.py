@@ -731,10 +731,7 @@ class Simulation(errors.NotCopyable):
 
     @property
     def frames(self) -> xr.Dataset:
-        """Frames of the last run, as `run(keep=True)` kept them, or else from its file.
-
-        Raises ConfigError where the last run has neither.
-        """
+        """Frames of the last run, kept by `run(keep=True)` or in its file; ConfigError if none."""
         import xarray as xr
 
         from swe_sphere.analysis.accessor import open_run
@@ -791,10 +788,7 @@ class Simulation(errors.NotCopyable):
         return path
 
     def restart_arrays(self) -> Mapping[str, NDArray[np.generic]]:
-        """Return the arrays of an exact restart, with the counters, which are carried along.
-
-        Raises Unstable if an array of the stepper is not finite: a restart would refuse it.
-        """
+        """Return arrays and counters of an exact restart; Unstable if one is not finite."""
         arrays = self.stepper.state_dict()
         for name, array in arrays.items():
             if not np.isfinite(array).all():

@@ -19,10 +19,7 @@ MARK = "<!-- made by swe-sphere sweep -->"
 
 
 def rendered(package: str, template: str, *filters: Callable[..., object], **values: object) -> str:
-    """Return a filled-in template of a study.
-
-    package: package of the study. filters: functions for the template, by their names.
-    """
+    """Return a filled-in template of a package; filters: functions for it, by their names."""
     made = _environment(package, template.endswith(".html.j2"))
     made.filters |= {each.__name__.lstrip("_"): each for each in filters}
     return made.get_template(template).render(values)

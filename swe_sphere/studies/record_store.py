@@ -47,10 +47,7 @@ def stepped(
     sim: Simulation, observers: Sequence[Observer] = (), time_limit: float | None = None,
     interruption: Interruption | None = None,
 ) -> Summary:  # fmt: skip
-    """Step a simulation to its end, as its `run_plan` does; any error of a step ends it too.
-
-    Raises Interrupted if the user asked to stop.
-    """
+    """Step a simulation to its end or any error; raises Interrupted if the user asked to stop."""
     outcome = attempt(lambda: sim.run_plan(observers, time_limit, interruption))
     if outcome.status == "interrupted":
         raise Interrupted(outcome.reason)
@@ -89,10 +86,7 @@ class Store(Generic[R]):
         return [path for path in self.folder.glob("*.json") if name.fullmatch(path.name)]
 
     def add(self, record: R) -> R:
-        """Write a record to the disk, synchronised, and return it in the form in which it is read.
-
-        Raises RunFailed if the disk fails.
-        """
+        """Write a record to the disk, and return it as it is read; RunFailed if the disk fails."""
         text = record.as_text()
         write_whole(self.folder / f"{self._last + 1:06d}{self._suffix}.json", text)
         self._last += 1

@@ -50,10 +50,7 @@ class Measure(Record):
 
 
 def measure(case: Case, tick: Tick | None = None) -> Measure:
-    """Run a case and measure it by its method; tick: called with the progress as text.
-
-    Raises Interrupted if the user asked to stop.
-    """
+    """Run a case and measure it; tick: called with the progress. Raises Interrupted on request."""
     began = time.perf_counter()
     ended = attempt(lambda: METHODS[case.method](case, case.configured(), tick))
     return Measure(

@@ -111,10 +111,7 @@ def slug(text: str) -> str:
 
 
 def run_table(runs: pd.DataFrame, short: bool = False) -> pd.DataFrame:
-    """Return the texts of essential columns and others with a value for some run, by title and row.
-
-    short: return only the essential columns.
-    """
+    """Return texts by title and row: essential columns and, unless `short`, others with a value."""
     known = read_toml(COLUMNS)
     errors = [
         {"title": f"{m.symbol} {m.kind}, day {m.day:g}", "name": m, "text": "error",

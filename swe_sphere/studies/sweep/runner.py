@@ -136,10 +136,7 @@ def run_timed(
 def perturbed(
     spec: RunSpec, sim: Simulation, interruption: Interruption, time_limit: float | None
 ) -> Summary:
-    """Repeat a run with initial noise; it is unstable if the noise grows beyond `GROWN`.
-
-    sim: the run, at its end.
-    """
+    """Repeat `sim`, at its end, with initial noise; unstable if the noise grows beyond `GROWN`."""
     twin = _begun(spec)
     model, mesh = twin.model, twin.model.device_mesh
     start = mesh.collect(twin.stepper.state).astype(float)
@@ -160,10 +157,7 @@ def perturbed(
 
 
 def warm_up(spec: RunSpec) -> float:
-    """Take some steps to compile kernels and fill caches; return the seconds of compiling.
-
-    Errors here recur in the run, which reports them.
-    """
+    """Take steps to compile and fill caches; return these seconds. Errors recur in the run."""
     with suppress(SweError, *UNEXPECTED), np.errstate(all="ignore"):
         sim = _begun(spec)
         for _ in range(WARM_STEPS):
@@ -205,10 +199,7 @@ class Runner:
         self._known = {(run.key, run.repeat): run for run in current(store.records, self._sources)}
 
     def known(self, spec: RunSpec, repeat: int = 0) -> RunRecord | None:
-        """Return the record of a run that need not be repeated, or None.
-
-        A run that exceeded the time limit counts only if it would exceed the present one too.
-        """
+        """Return the record of a run that counts under the present time limit, or None."""
         record = self._known.get((spec.key, repeat))
         if record is None or record.status == "failed" or record.reason.startswith("MemoryError"):
             return None

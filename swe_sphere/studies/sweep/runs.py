@@ -197,10 +197,7 @@ class Discretisation:
         return found
 
     def simulation(self, config: RunConfig) -> Simulation:
-        """Return a simulation with a separate model on the common mesh.
-
-        Raises ConfigError if the stepper does not suit the scene, or has no such option.
-        """
+        """Return a simulation on the common mesh; ConfigError if stepper or options do not fit."""
         return Simulation(self._own or config.scene, config=config, mesh=self.mesh)
 
     @cached_property
@@ -211,10 +208,7 @@ class Discretisation:
 
     @cached_property
     def limits(self) -> dict[str, float]:
-        """Return the steps [s] that the initial state permits.
-
-        gravity_limit: of leapfrog, 1 over the spectral radius; advective_limit: of the wind.
-        """
+        """Steps [s] for the initial state: gravity_limit, of leapfrog, and advective_limit."""
         gravity = self.sim.gravity_limit
         at_start, _ = self.sim.initial_numbers
         wind, wave = at_start["max_wind"], at_start["max_wave"]
@@ -233,10 +227,7 @@ class Discretisation:
 
 
 class Study:
-    """The request of a plan: a scene, its meshes, and the times of errors.
-
-    own: a scene that replaces the one that the plan names.
-    """
+    """The request of a plan: a scene, `own` if given, its meshes, and the times of errors."""
 
     def __init__(self, plan: SweepPlan, own: Scene | None = None) -> None:
         self.plan, self._own = plan, own
@@ -492,10 +483,7 @@ class RunSpec:
 
 
 def users_methods(steppers: Iterable[str], preconditioners: Iterable[str]) -> dict[str, str]:
-    """Return fingerprints of methods outside the package, by name.
-
-    steppers, preconditioners: names, or files. Raises ConfigError for an unknown name.
-    """
+    """Return fingerprints of custom methods, from names or files; ConfigError for unknown ones."""
     kinds: dict[str, type] = {f"the stepper {name}": STEPPERS.find(name) for name in steppers}
     kinds |= {f"the preconditioner {name}": PRECONDITIONERS.find(name) for name in preconditioners}
     return {what: users_fingerprint(kind) for what, kind in kinds.items() if is_custom(kind)}

@@ -139,10 +139,7 @@ class SweepPlan(SharedConfig):
 
 
 def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> SweepPlan:
-    """Return the plan of these values, checked as far as possible without computing.
-
-    scene: one that replaces the named one. Raises ConfigError for an unknown name or unfit value.
-    """
+    """Return the checked plan; `scene` replaces the named one. ConfigError for unfit values."""
     plan = validate(SweepPlan, values)
     _check_options(plan)
     made = make_scene(plan.run_config(), scene)
