@@ -167,8 +167,7 @@ def tilted_jet(alpha: float = 0.08, speed: float = 40.0, gaussian: bool = False)
         fall: Array = 0.5 * s * ((jet(sines) ** 2 * sines) @ weights)
         return (160000.0 - fall) / EARTH.gravity
 
-    lowest = float(depth(np.array([-1.0, 1.0])).min())
-    if not lowest > 0.0:
+    if not depth(np.array([-1.0, 1.0])).min() > 0.0:
         raise ConfigError(f"tilted-jet: a jet of {speed} m/s drains the pole: reduce it")
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:

@@ -333,8 +333,7 @@ def poisson(mesh: Mesh) -> Callable[[Array, Array], Array]:
 
     def streamfunction(u: Array, v: Array) -> Array:
         """Return ψ [m2 s-1] (N,) of mean zero, for the wind u, v (N,) [m s-1]."""
-        right = -mesh.area * vorticity(mesh, u, v)
-        found: Array = np.append(0.0, factors.solve(right[1:]))
+        found: Array = np.append(0.0, factors.solve((-mesh.area * vorticity(mesh, u, v))[1:]))
         return found - float(np.average(found, weights=mesh.area))
 
     return streamfunction

@@ -138,8 +138,7 @@ def write_report(
     """
     sections, notes = read_sections(datasets), recipe.notes if recipe else {}
     title = recipe.title if recipe else sections[0].dataset.attrs.get("title")
-    pictures = [each for of in sections for each in chain(*of.figures, of.others)]
-    files = {each.name: each.svg for each in pictures}
+    files = {each.name: each.svg for of in sections for each in chain(*of.figures, of.others)}
     pages = {"index.html": "report.html.j2"} | ({"README.md": "page.md.j2"} if recipe else {})
     for name, template in pages.items():
         files[name] = rendered(

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -145,8 +145,7 @@ def perturbed(
     size = max(PERTURBATION, 100.0 * float(np.finfo(mesh.numpy_real).eps))
     noise = size * scales * np.random.default_rng(1).standard_normal(blocks.shape)
     twin.stepper.start(mesh.scatter(start + noise.ravel()))
-    ended = stepped(twin, (), time_limit, interruption)
-    if not ended.completed:
+    if not (ended := stepped(twin, (), time_limit, interruption)).completed:
         return ended
     states = [mesh.collect(one.stepper.state).astype(float) for one in (twin, sim)]
     squares = [energy_weights(model) @ x**2 for x in (noise.ravel(), states[0] - states[1])]
@@ -225,8 +224,7 @@ class Runner:
 
         evaluate: computes its errors. Raises Interrupted on request, RunFailed if the disk fails.
         """
-        record = self.known(spec, repeat)
-        if record is None:
+        if (record := self.known(spec, repeat)) is None:
             record, fields = self.make(spec, self.time_limit, repeat)
             errors = evaluate(spec.setup.space, fields) if evaluate else []
             record = self.keep(record.model_copy(update={"errors": errors}))
@@ -288,7 +286,7 @@ class Evaluator:
         self._converged: dict[tuple[int, int], History] = {}
         self._errors = {"time": diagnostics.flow_errors}
         self._errors |= {"slow": diagnostics.slow_errors} if study.slow else {}
-        self._right: dict[tuple[str, float], OnGrid | Fields | None] = {}
+        self._right = cache(self._reference)
 
     def __call__(self, space: Discretisation, history: History) -> list[Errors]:
         """Return the errors of all kinds of the fields at report days."""
@@ -383,10 +381,7 @@ class Evaluator:
         """Return total errors, relative to the file of a day or the exact solution at the nodes."""
         found: dict[float, Norms] = {}
         for day, fields in history.items():
-            key = (space.identity, day)
-            if key not in self._right:
-                self._right[key] = self._reference(space, day)
-            right = self._right[key]
+            right = self._right(space, day)
             if isinstance(right, OnGrid):
                 whole = fields | {"b": space.sim.initial_fields["b"]}
                 found[day] = right.errors(whole, space.scene.error_field)
