@@ -109,8 +109,7 @@ def _load(path: Path, parameters: Mapping[str, Parameter], depth: int = 0) -> Sc
     Raises ConfigError if the file is missing, fails, is not TOML, or does not fit the scene.
     """
     if is_user_file(path):
-        factory = getattr(load_file(path, "scene"), "scene", None)
-        if not callable(factory):
+        if not callable(factory := getattr(load_file(path, "scene"), "scene", None)):
             raise ConfigError(f"{path} must define scene(**parameters) -> Scene")
         return call_custom(f"scene() of {path}", made, str(path), factory, parameters)
     if depth == MAX_NESTING:
@@ -175,8 +174,7 @@ def made(name: str, factory: SceneFactory, given: Mapping[str, Parameter]) -> Sc
     Raises ConfigError like `checked`, and if the factory returns anything but a scene.
     """
     values = checked(name, factory, given)
-    scene = factory(**values)
-    if not isinstance(scene, Scene):
+    if not isinstance(scene := factory(**values), Scene):
         raise ConfigError(f"scene() of {name} must return a Scene, got {type(scene).__name__}")
     known = inspect.signature(factory).parameters
     defaults = {key: p.default for key, p in known.items() if p.default is not p.empty}

@@ -179,8 +179,7 @@ def _axis(dataset: Any, ours: str) -> tuple[Any, Array]:
     variable = _variable(dataset, ours)
     if variable.ndim != 1 or variable.size < 8:
         raise ConfigError(f"{variable.name} must have one dimension and at least 8 values")
-    units = getattr(variable, "units", "degrees")
-    if not units.startswith("degree"):
+    if not (units := getattr(variable, "units", "degrees")).startswith("degree"):
         raise ConfigError(f"{variable.name} must be in degrees, got {units!r}")
     return variable, _numbers(variable)
 
@@ -231,19 +230,16 @@ def _field(dataset: Any, ours: str, dims: list[str]) -> Array:
 def _level(dataset: Any, axis: str) -> int | slice:
     """Return the index of 500 hPa on an axis of pressures, or a slice of all of any other axis."""
     variable = dataset.variables.get(axis)
-    factor = KNOWN["pressure"].get(getattr(variable, "units", ""))
-    if factor is None:
+    if (factor := KNOWN["pressure"].get(getattr(variable, "units", ""))) is None:
         return slice(None)
-    found = np.flatnonzero(np.isclose(variable[:] * factor, 5e4))
-    if found.size != 1:
+    if (found := np.flatnonzero(np.isclose(variable[:] * factor, 5e4))).size != 1:
         raise ConfigError(f"{axis} lacks the level of 500 hPa")
     return int(found[0])
 
 
 def _numbers(variable: Any, key: Any = slice(None)) -> Array:
     values = np.ma.filled(np.ma.asarray(variable[key], dtype=np.float64), np.nan)
-    missing = int(np.count_nonzero(~np.isfinite(values)))
-    if missing:
+    if missing := int(np.count_nonzero(~np.isfinite(values))):
         raise ConfigError(
             f"{variable.name} has {missing} missing or infinite values; there must be none"
         )

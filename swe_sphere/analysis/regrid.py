@@ -127,8 +127,7 @@ def profiles_of(data: xr.Dataset) -> list[Hashable]:
 
 def holding(data: xr.Dataset, *names: Hashable) -> list[xr.DataArray]:
     """Return the variables of those names; ConfigError if one is missing."""
-    missing = [str(name) for name in names if name not in data]
-    if missing:
+    if missing := [str(name) for name in names if name not in data]:
         raise ConfigError(f"this dataset does not hold {', '.join(missing)}")
     return [data[name] for name in names]
 

@@ -140,8 +140,7 @@ def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
     if ranks < 1:
         raise ConfigError(f"ranks={ranks}: give a number of processes, at least 1")
     check_ranks(ne, ranks)
-    there = available_memory()
-    if there is not None and ranks * PROCESS > there:
+    if (there := available_memory()) is not None and ranks * PROCESS > there:
         most = max(int(there / PROCESS), 1)
         raise ConfigError(f"ranks={ranks}: there is memory for about {most} processes: take fewer")
     beside = Path(sys.executable).with_name("mpiexec")

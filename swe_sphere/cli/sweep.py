@@ -97,8 +97,7 @@ def advise(**values: Any) -> None:
 def _begun(out: Path) -> list[Path]:
     """Return the folders of the sweeps in a folder; only those with runs, if any has."""
     kept = [path for of in ("", "*/") for name in (HEADER, RUNS) for path in out.glob(of + name)]
-    folders = sorted({path.parent for path in kept})
-    if not folders:
+    if not (folders := sorted({path.parent for path in kept})):
         raise ConfigError(f"there is no sweep in {out}: leave report-only out to run one")
     return [folder for folder in folders if runs_of(folder).records] or folders
 

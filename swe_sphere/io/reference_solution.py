@@ -254,8 +254,7 @@ def _check_scenes(ours: Source, theirs: Source) -> None:
 
 def _common_time(*sources: Source) -> float | None:
     """Return the last time [s] of which both have a frame; None for references without a time."""
-    timed = [s.times for s in sources if s.times.size or isinstance(s, RunFile)]
-    if not timed:
+    if not (timed := [s.times for s in sources if s.times.size or isinstance(s, RunFile)]):
         return None
     common = timed[0][np.isclose(timed[0][:, None], timed[-1], 0.0, TIME_TOLERANCE).any(axis=1)]
     if not common.size:

@@ -19,7 +19,6 @@ Pair = tuple[float, float]
 Four = tuple[float, float, float, float]
 
 PROJECTIONS = ("equal-earth", "robinson", "lat-lon", "orthographic", "north-polar", "south-polar")
-"""Names of the projections."""
 POLAR = PROJECTIONS[-2:]
 """Names of the stereographic projections."""
 
@@ -30,8 +29,7 @@ def _numbers(*counts: int) -> Callable[[Any], Any]:
     def read(value: Any) -> Any:
         if not isinstance(value, str):
             return value
-        parts = value.split(",")
-        if len(parts) not in counts:
+        if len(parts := value.split(",")) not in counts:
             wanted = " or ".join(map(str, counts))
             raise ValueError(f"must be {wanted} numbers, separated by commas")
         return [*parts, *["0"] * (counts[-1] - len(parts))]

@@ -156,8 +156,7 @@ def draw_winds(axes: GeoAxes, mesh: Mesh, fields: dict[str, Array], how: str) ->
     flat = evaluate(Interpolator(mesh, grid.lon.ravel(), grid.lat.ravel()), fields, "wind")
     u, v = flat.reshape(2, *grid.x.shape)
     speed = np.hypot(u, v)
-    strongest = float(speed.max())
-    if strongest == 0.0:
+    if (strongest := float(speed.max())) == 0.0:
         return strongest
     there, direction = _direction(axes, grid, u, v)
     seen = np.where(speed > STILL * strongest, speed, np.nan)

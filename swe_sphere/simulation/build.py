@@ -141,8 +141,7 @@ def shipped_solution(scene: Scene, days: float) -> Path | None:
             continue
         from swe_sphere.io import reference_solution  # imports Warp
 
-        path = reference_solution.SHIPPED / f"{label}_day{days:g}.nc"
-        if not path.exists():
+        if not (path := reference_solution.SHIPPED / f"{label}_day{days:g}.nc").exists():
             continue
         found = make_scene(make_config({"scene": name, "settings": settings}))
         pairs = [(getattr(found, name), getattr(scene, name)) for name in DECISIVE]

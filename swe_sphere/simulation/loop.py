@@ -29,7 +29,6 @@ class Interruption:
         self.received: str | None = None
         """Name of the signal, None if none has come."""
         self.number: int | None = None
-        """Number of the signal."""
         self._handlers = ExitStack()
 
     def __enter__(self) -> Self:
@@ -147,8 +146,7 @@ class Loop:
 
     def _step(self, most: int) -> None:
         """Take a step, or up to `most` at once; a step that is given up changes nothing."""
-        stepper = self.sim.stepper
-        if not stepper.can_give_up:
+        if not (stepper := self.sim.stepper).can_give_up:
             self.sim.take(most)
             return
         restore = stepper.restore_point()

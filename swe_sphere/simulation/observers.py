@@ -374,7 +374,6 @@ class LogLines(Observer):
     """Logs a line now and then, for a run whose output goes to a file."""
 
     level: int = logging.INFO
-    """Level of the lines."""
     PATIENCE = 30.0
     """Seconds before the first line; the next ones wait as long, or a tenth of the elapsed time."""
 
@@ -383,8 +382,7 @@ class LogLines(Observer):
         self._due = self._start + self.PATIENCE
 
     def tick(self, step: int) -> None:
-        now = time.perf_counter()
-        if now < self._due:
+        if (now := time.perf_counter()) < self._due:
             return
         gone, at, end = now - self._start, self._plan.time(step), self._plan.time(self._plan.steps)
         self._due = now + max(self.PATIENCE, 0.1 * gone)

@@ -277,8 +277,7 @@ def meant_hours(hours: float) -> Fraction:
 
 def _as_fraction(seconds: float | Fraction) -> Fraction:
     """Return the nearest fraction of seconds with a denominator of at most a thousand."""
-    fraction = Fraction(seconds).limit_denominator(1000)
-    if fraction <= 0:
+    if (fraction := Fraction(seconds).limit_denominator(1000)) <= 0:
         raise ConfigError(
             f"days or every of {float(seconds):g} s is too short: give at least a millisecond"
         )
@@ -375,8 +374,7 @@ def tracer_cycle(sim: Any, dt: float) -> int:
     """
     from swe_sphere.steppers.tracer_steps import tracer_limit, why_not
 
-    asked = sim.config.tracer_steps
-    if asked == 1:
+    if (asked := sim.config.tracer_steps) == 1:
         return 1
     reason = why_not(sim.model, sim.stepper_class, sim.config.adaptive)
     if reason and asked != "auto":

@@ -48,8 +48,7 @@ LONGEST_NAME = 247
 
 def appends(config: RunConfig) -> bool:
     """Return whether the run appends to the file of frames from which it resumes."""
-    out = config.out
-    if out is None or config.overwrite or not out.exists():
+    if (out := config.out) is None or config.overwrite or not out.exists():
         return False
     from swe_sphere.io.checkpoint import checkpoint_path  # scipy.io is slow to import
 
@@ -98,8 +97,7 @@ def check_paths(config: RunConfig) -> None:
     if config.plot is not None and config.plot.exists() and not config.overwrite:
         also = "" if config.restart else ", or replace it with --overwrite"
         raise ConfigError(f"plot: {config.plot} exists: choose another name{also}")
-    out = config.out
-    if out is None or config.overwrite or appends(config):
+    if (out := config.out) is None or config.overwrite or appends(config):
         return
     if out.exists():
         raise ConfigError(f"out: {out} {_contents(out)}, or replace it with --overwrite")
@@ -149,8 +147,7 @@ class Restart:
     def table(self, name: str = "configuration") -> dict[str, Any]:
         """Return a table among the attributes; ConfigError if there is none."""
         with suppress(KeyError, ValueError, RecursionError):
-            values = json.loads(str(self.attributes[name]))
-            if isinstance(values, dict):
+            if isinstance(values := json.loads(str(self.attributes[name])), dict):
                 return values
         raise ConfigError(f"{self.path} does not state its {name}: it cannot be restarted")
 

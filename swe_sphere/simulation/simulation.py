@@ -145,7 +145,6 @@ class Simulation(errors.NotCopyable):
         """The configuration, with the arguments of the present run."""
         added = objects.pop("effects", ())
         self.stepper_class = get_stepper(objects.pop("stepper", config.stepper))
-        """The class of the stepper."""
         self.scene = build.make_scene(config, scene if isinstance(scene, Scene) else None, added)
         self.initial: build.Initial | None = None
         """Replacement of the initial state of the scene, or None."""
@@ -167,7 +166,6 @@ class Simulation(errors.NotCopyable):
         for path in config.diagnostics:
             diagnostics.load_diagnostics(path)
         self.options = build.stepper_options(self.stepper_class, config)
-        """Options of the stepper by name."""
         build.start_warp()
         from swe_sphere.equations.model import Model
 
@@ -456,8 +454,7 @@ class Simulation(errors.NotCopyable):
         try:
             notify(observer, "end")
         except (SweError, *BREAKDOWNS) as error:
-            ended = self.outcome
-            if ended.completed:
+            if (ended := self.outcome).completed:
                 self._ended_by(error)
             else:
                 status = "failed" if ended.is_sound else ended.status
@@ -663,8 +660,7 @@ class Simulation(errors.NotCopyable):
         if outcome.is_sound:
             numbers |= self.diagnostics
         if outcome.completed:
-            own = self.initial is not None
-            shipped = None if own else build.shipped_solution(self.scene, self.time / DAY)
+            shipped = None if self.initial else build.shipped_solution(self.scene, self.time / DAY)
             reference = self.reference or _read_reference(shipped)
             if reference is not None and reference.is_at(self.time):
                 numbers |= diagnostics.reference_errors(reference, self.snapshot)

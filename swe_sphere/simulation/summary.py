@@ -14,7 +14,6 @@ from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, NAMES
 
 ROWS = Path(__file__).with_name("summary.j2")
-"""Template of the table."""
 
 
 BREAKDOWNS = (ArithmeticError, ValueError, RuntimeError, MemoryError)
@@ -46,8 +45,7 @@ class Summary(Mapping[str, Any]):
 
     def __getitem__(self, name: str) -> Any:
         """Return a value, None if it is missing or not finite; KeyError for an unknown name."""
-        values = self.as_dict()
-        if name not in values:
+        if name not in (values := self.as_dict()):
             raise KeyError(str(errors.unknown_name("value of a summary", str(name), values)))
         return values[name]
 

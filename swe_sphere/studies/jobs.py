@@ -114,7 +114,6 @@ def _initialise(alive: Connection, begin: Callable[[], Callable[[Any], Any]]) ->
 
 
 def _do(task: object) -> Any:
-    """Do one task in a process of the pool."""
     try:
         return _work()(task)
     except SweError:

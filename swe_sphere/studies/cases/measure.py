@@ -104,8 +104,7 @@ def _begun(run: RunConfig) -> Simulation:
 def _completed(run: RunConfig) -> Simulation:
     """Return the run with which all cases of a name are compared; RunFailed if it fails."""
     sim = _begun(run)
-    ended = stepped(sim)
-    if not ended.completed:
+    if not (ended := stepped(sim)).completed:
         raise RunFailed(f"the run for comparison was {ended.status}: {ended.reason}")
     return sim
 
@@ -247,7 +246,6 @@ def off_mirror(mesh: Mesh, fields: Fields) -> float:
 
 
 SYMMETRIES = {"off_wave": off_wave, "off_mirror": off_mirror}
-"""Deviations from symmetries by name."""
 
 
 @lru_cache(maxsize=2)
@@ -326,4 +324,3 @@ def _seeds(case: Case, _: RunConfig, tick: Tick | None) -> Summary:
 
 
 METHODS = {"errors": _errors, "start": _errors, "series": _series, "seeds": _seeds}
-"""All ways to measure by name."""

@@ -186,8 +186,7 @@ def targets(best: Iterable[float], resolved: float = 0.0) -> list[float]:
     They are powers of ten, and three times these if that gives at most MOST_TARGETS; of too many
     the smallest are omitted. best: smallest error of each curve. resolved: least possible target.
     """
-    best = [error for error in best if error > 0.0]
-    if not best:
+    if not (best := [error for error in best if error > 0.0]):
         return []
     low, high = max(min(best), resolved), max(best)
     powers = range(math.floor(math.log10(low)) - 1, math.ceil(math.log10(high)) + 2)

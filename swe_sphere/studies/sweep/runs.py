@@ -424,8 +424,7 @@ class Setup:
 
     def grid(self) -> list[RunSpec]:
         """Return the runs of the plan, without duplicates."""
-        plan = self.study.plan
-        if plan.dt != "auto":
+        if (plan := self.study.plan).dt != "auto":
             steps = sorted(plan.dt, reverse=True)
         elif self.refusal is None:
             explicit = math.isfinite(self.safe_dt) and self.stepper_class.family == "explicit"

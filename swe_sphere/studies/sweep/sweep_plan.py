@@ -150,8 +150,7 @@ def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> Sweep
     for ne, points in product(plan.ne or (made.ne,), plan.np or (made.np,)):
         check_mesh(plan.run_config(ne=ne, np=points), made)
     days = made.days if plan.days is None else plan.days
-    late = [day for day in plan.report_days if day > days + 1e-6]
-    if late:
+    if late := [day for day in plan.report_days if day > days + 1e-6]:
         raise ConfigError(f"report-days: day {late[0]:g} is after the end, day {days:g}")
     for path in plan.reference:
         if not path.is_file():
@@ -181,8 +180,7 @@ def _check_jobs(plan: SweepPlan, own: Scene | None) -> None:
         raise ConfigError("jobs: runs on a GPU run one after the other: leave jobs out")
     kinds = [get_stepper(name) for name in plan.steppers if not is_user_file(name)]
     theirs = [kind.name for kind in kinds if is_custom(kind)]
-    made_here = [own.name] if own else [*theirs, *DIAGNOSTICS]
-    if made_here:
+    if made_here := [own.name] if own else [*theirs, *DIAGNOSTICS]:
         raise ConfigError(
             f"jobs: other processes cannot import {made_here[0]}, which is defined in this one:"
             " leave jobs out, or put scenes and steppers into files and give their names"
