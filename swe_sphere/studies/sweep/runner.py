@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -286,7 +286,7 @@ class Evaluator:
         self._converged: dict[tuple[int, int], History] = {}
         self._errors = {"time": diagnostics.flow_errors}
         self._errors |= {"slow": diagnostics.slow_errors} if study.slow else {}
-        self._right = cache(self._reference)
+        self._right = cache(partial(_reference, study))
 
     def __call__(self, space: Discretisation, history: History) -> list[Errors]:
         """Return the errors of all kinds of the fields at report days."""
@@ -389,12 +389,13 @@ class Evaluator:
                 found[day] = diagnostics.flow_errors(space.sim.model, fields, right)
         return Errors.of("total", found)
 
-    def _reference(self, space: Discretisation, day: float) -> OnGrid | Fields | None:
-        if self._study.files:
-            path = self._study.files.get(day)
-            return OnGrid(Reference(path), space.mesh) if path else None
-        if space.scene.exact is None:
-            return None
-        fields = diagnostics.exact_fields(space.sim.model, day * DAY)
-        # vorticity is computed from the exact wind on the mesh
-        return fields | {"vorticity": vorticity(space.mesh, fields["u"], fields["v"])}
+
+def _reference(study: Study, space: Discretisation, day: float) -> OnGrid | Fields | None:
+    if study.files:
+        path = study.files.get(day)
+        return OnGrid(Reference(path), space.mesh) if path else None
+    if space.scene.exact is None:
+        return None
+    fields = diagnostics.exact_fields(space.sim.model, day * DAY)
+    # vorticity is computed from the exact wind on the mesh
+    return fields | {"vorticity": vorticity(space.mesh, fields["u"], fields["v"])}
