@@ -173,7 +173,10 @@ def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
 
 
 def _end_with_parent() -> None:
-    """Make Linux kill this process, mpiexec, when its parent dies; the ranks notice its end."""
+    """Make the system kill this process when its parent dies, if it supports that (Linux).
+
+    mpiexec would outlive its parent, and the ranks with it; ranks do notice the end of mpiexec.
+    """
     with suppress(AttributeError):
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
 

@@ -217,7 +217,10 @@ def remove(path: Path) -> None:
 
 
 def allocate(file: int, path: Path, size: int) -> None:
-    """Raise OSError unless an open file can grow to `size` bytes, or at least the disk has room."""
+    """Make sure that an open file can grow to `size` bytes; raises OSError otherwise.
+
+    If the file system cannot allocate ahead, its free space must suffice.
+    """
     try:
         os.posix_fallocate(file, 0, size)
     except OSError as error:

@@ -40,7 +40,10 @@ def is_custom(kind: Any) -> bool:
 
 
 def load_file(path: Path, what: str) -> ModuleType:
-    """Execute a file and return its module; what: for messages. ConfigError names file and line."""
+    """Execute a file and return it as a module; what: its contents, for messages.
+
+    Raises ConfigError if there is no such file or it fails; the message names file and line.
+    """
     contents, place = file_contents(path, what), str(path.resolve())
     # files of the same name in different folders become different modules
     module = ModuleType(f"user_{path.stem}_{fingerprint([place])[:8]}")

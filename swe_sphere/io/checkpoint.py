@@ -60,7 +60,11 @@ def is_checkpoint(path: Path) -> bool:
 
 
 def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
-    """Return the checkpoint in or beside a file; ConfigError if missing, damaged or foreign."""
+    """Return the checkpoint of a file of frames, or the one in a separate file.
+
+    Raises ConfigError, in one line, if a file is missing or damaged, or if the checkpoint beside
+    the file of frames belongs to another run.
+    """
     path = Path(path)
     with translate_errors(f"cannot read {path}"):
         if path.is_file() and zipfile.is_zipfile(path):

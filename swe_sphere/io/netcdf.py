@@ -67,7 +67,8 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         self._from = append_from or 0.0
         frames = np.zeros(0) if self._earlier is None else self._earlier.times
         self.kept_times = frames[frames < self._from]  # of frames of the earlier run [s]
-        kept, size = dict[str, Any](), 0
+        kept: dict[str, Any] = {}
+        size = 0
         if self._earlier is not None:
             ours, theirs = mesh.size, self._earlier.bottom.size
             if transform is None and theirs != ours:

@@ -30,7 +30,10 @@ class Panel(NamedTuple):
 
 
 def panels(run: RunFile) -> list[Panel]:
-    """Return the panels, at most two, of the series with two positive values: axes are log."""
+    """Return the panels that the series in a file allow: two, one or none.
+
+    Curves with fewer than two positive values are left out, because the axis is logarithmic.
+    """
     times, series = run.series()
     later = np.where(times > 0.0, 1.0, np.nan)
     errors = {label: series[name] for name, label in ERRORS.items() if name in series}

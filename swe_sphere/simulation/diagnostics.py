@@ -96,7 +96,10 @@ class Snapshot:
 
     @property
     def diagnostics(self) -> Numbers:
-        """Integrals, drifts, Courant numbers, errors, own diagnostics; RunFailed if one fails."""
+        """Return all numbers: integrals, drifts, Courant numbers, errors, user-defined diagnostics.
+
+        Raises RunFailed if a user-defined diagnostic fails.
+        """
         return self._numbers | {k: float(x) for k, x in self.user_values.items() if x.ndim == 0}
 
     @property

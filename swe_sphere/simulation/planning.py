@@ -147,7 +147,10 @@ class RunPlan:
 
 
 def free_steps(days: float, dt: float, cycle: int = 1) -> RunPlan:
-    """Return steps of exactly dt [s], whole cycles, to the end or beyond, without other frames."""
+    """Return steps of exactly dt [s] to the end or a little beyond, with no frame in between.
+
+    cycle: their number is a multiple of it.
+    """
     count = cycle * max(1, math.ceil(days * DAY / (cycle * dt) - 1e-9))
     return RunPlan(dt, count, count, dt)
 

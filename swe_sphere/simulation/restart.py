@@ -228,7 +228,10 @@ class Restart:
         return RunPlan(dt, self.steps, self.steps, dt, "that of the restart file", cycle)
 
     def load_into(self, stepper: Trajectory, before: int) -> None:
-        """Load the arrays into a stepper after `before` steps of others; ConfigError if unfit."""
+        """Load the arrays into a stepper, which then resumes; ConfigError if they do not fit.
+
+        before: number of steps that were taken with other steppers.
+        """
         try:
             stepper.load_state_dict(self.arrays, self.steps - before)
             for name, array in self.arrays.items():

@@ -197,7 +197,10 @@ def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
 
 
 def write_dataset(folder: Path) -> xr.Dataset:
-    """Write the dataset of a folder, whole, as sweep.nc; ConfigError without runs, or RunFailed."""
+    """Build the dataset of a folder's records and write it to sweep.nc, completely or not at all.
+
+    Raises ConfigError without a sound record of a run, and RunFailed if the disk fails.
+    """
     header, records = read_header(folder), runs_of(folder).records
     if header is None and records:
         raise ConfigError(

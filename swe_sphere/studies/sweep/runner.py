@@ -198,7 +198,10 @@ class Runner:
         self._known = {(run.key, run.repeat): run for run in current(store.records, self._sources)}
 
     def known(self, spec: RunSpec, repeat: int = 0) -> RunRecord | None:
-        """Return the record of a run that counts under the present time limit, or None."""
+        """Return the record of a run that need not be repeated, or None.
+
+        A run that exceeded the time limit counts only if it would exceed the present one too.
+        """
         record = self._known.get((spec.key, repeat))
         if record is None or record.status == "failed" or record.reason.startswith("MemoryError"):
             return None

@@ -208,7 +208,10 @@ class Discretisation:
 
     @cached_property
     def limits(self) -> dict[str, float]:
-        """Steps [s] for the initial state: gravity_limit, of leapfrog, and advective_limit."""
+        """Return the steps [s] that the initial state permits.
+
+        gravity_limit: of leapfrog, 1 over the spectral radius; advective_limit: of the wind.
+        """
         gravity = self.sim.gravity_limit
         at_start, _ = self.sim.initial_numbers
         wind, wave = at_start["max_wind"], at_start["max_wave"]
@@ -482,7 +485,10 @@ class RunSpec:
 
 
 def users_methods(steppers: Iterable[str], preconditioners: Iterable[str]) -> dict[str, str]:
-    """Return fingerprints of custom methods, from names or files; ConfigError for unknown ones."""
+    """Return fingerprints of methods outside the package, by name.
+
+    steppers, preconditioners: names, or files. Raises ConfigError for an unknown name.
+    """
     kinds: dict[str, type] = {f"the stepper {name}": STEPPERS.find(name) for name in steppers}
     kinds |= {f"the preconditioner {name}": PRECONDITIONERS.find(name) for name in preconditioners}
     return {what: users_fingerprint(kind) for what, kind in kinds.items() if is_custom(kind)}
