@@ -9,7 +9,7 @@ from swe_sphere.kernels.define import kernel, lanes, real, value, vector
 from swe_sphere.kernels.metric import basis, covariant_wind, gradient
 from swe_sphere.kernels.simd.arithmetic import mul
 from swe_sphere.kernels.simd.memory import Places, converting, gather, load, load_given, nodes
-from swe_sphere.kernels.terms import across, along, local, np_, share, state_vector
+from swe_sphere.kernels.terms import across, along, local, np_, side, state_vector
 
 matrix, each = wp.array2d(dtype=real), wp.array2d(dtype=value)
 
@@ -42,25 +42,28 @@ def damp(to_modes: matrix, to_nodes: matrix, factor: each, scale: each, x: local
 
 @kernel
 def covariant(node: nodes, basis: basis, size: int, r: state_vector, first: local, second: local):
-    """Store the covariant wind components of a state; runs over (groups, np*np / share) threads."""
-    e, part = wp.tid()
-    for n in range(part * share, part * share + share):
-        u = load_given(r, 0, node[e, n])
-        v = load_given(r, size, node[e, n])
-        u1, u2 = covariant_wind(basis, e, n, u, v)
-        first[e, n, 0] = u1
-        second[e, n, 0] = u2
+    """Store the covariant wind components of a state, with `KernelTypes.threads` of groups."""
+    e, p, q = wp.tid()
+    for i in range(p * side, p * side + side):
+        for j in range(q * side, q * side + side):
+            n = i * np_ + j
+            u = load_given(r, 0, node[e, n])
+            v = load_given(r, size, node[e, n])
+            u1, u2 = covariant_wind(basis, e, n, u, v)
+            first[e, n, 0] = u1
+            second[e, n, 0] = u2
 
 
 @kernel
 def physical(weight: matrix, basis: basis, first: local, second: local, east: local, north: local):
     """Store W J times the wind with these covariant components; threads as in `covariant`."""
-    e, part = wp.tid()
-    for n in range(part * share, part * share + share):
-        w = weight[n // np_, n % np_]
-        u, v = gradient(basis, e, n, first[e, n, 0], second[e, n, 0])
-        east[e, n, 0] = w * u
-        north[e, n, 0] = w * v
+    e, p, q = wp.tid()
+    for i in range(p * side, p * side + side):
+        for j in range(q * side, q * side + side):
+            n = i * np_ + j
+            u, v = gradient(basis, e, n, first[e, n, 0], second[e, n, 0])
+            east[e, n, 0] = weight[i, j] * u
+            north[e, n, 0] = weight[i, j] * v
 
 
 @functools.cache

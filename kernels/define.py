@@ -150,9 +150,10 @@ def specialise(it: Any, of: Any) -> Any:
 if TYPE_CHECKING:  # annotations of what Warp compiles are Warp types
     from typing import no_type_check as func
     from typing import no_type_check as kernel
+    from typing import no_type_check as unrolled
 else:
     OPTIONS = {"module": "unique", "enable_backward": False, "module_options": {"max_unroll": 1}}
-    """Options of all kernels.  Unrolled loops would take long to compile.  All kernels share their
+    """Options of most kernels.  Unrolled loops take long to compile.  All kernels share their
     compiler flags (`keep_headers`): each set compiles Warp's headers again, which takes seconds."""
 
     def func(f: Any) -> KernelTemplate:
@@ -162,6 +163,11 @@ else:
     def kernel(f: Any) -> KernelTemplate:
         """Turn the decorated Python function into a kernel."""
         return KernelTemplate(f, lambda made, _: wp.kernel(made, **OPTIONS))
+
+    def unrolled(f: Any) -> KernelTemplate:
+        """Turn the function into a kernel whose loops of up to 16 (largest np) are unrolled."""
+        options = OPTIONS | {"module_options": {"max_unroll": 16}}
+        return KernelTemplate(f, lambda made, _: wp.kernel(made, **options))
 
 
 @functools.cache

@@ -9,8 +9,9 @@ reads them applies DSS: it adds to an element's own contribution those at `runs`
 3), one on an edge of the element and three at a corner. A missing contributor points to the group
 behind the elements, which is zero.
 
-Kernels with a `geometry` require `Terms.waves`. All run over (groups, np*np / `share`) threads
-or, if they write a vector of nodes, over its nodes (`lanes` nodes per thread).
+Kernels with a `geometry` require `Terms.waves`. They run over `KernelTypes.threads` of groups: each
+handles the nodes n of an element, by rows i, or one node. Rows are unrolled, since arithmetic for
+indices would take a fifth of the time. Kernels that write a vector of nodes run over these.
 """
 
 import functools
@@ -18,7 +19,16 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import Placeholder, func, kernel, lanes, real, value, vector
+from swe_sphere.kernels.define import (
+    Placeholder,
+    func,
+    kernel,
+    lanes,
+    real,
+    unrolled,
+    value,
+    vector,
+)
 from swe_sphere.kernels.metric import divergence as div
 from swe_sphere.kernels.metric import dot
 from swe_sphere.kernels.metric import gradient as grad
@@ -36,7 +46,7 @@ from swe_sphere.kernels.simd.memory import (
     pick,
     picking,
 )
-from swe_sphere.kernels.terms import across, along, geometry, local, np_, share, state_vector
+from swe_sphere.kernels.terms import across, along, geometry, local, lone, np_, side, state_vector
 
 together: Any = Placeholder(lambda t: t.shape == "element", of_elements=True)
 """True if all fluxes use one row of f1 and f2, which stays in the nearest cache.  The thread that
@@ -44,11 +54,10 @@ stores them then computes their divergence; otherwise the kernel `divergence` do
 
 
 @func
-def assemble(geo: geometry, field: local, flat: vector, e: int, n: int):
+def assemble(geo: geometry, field: local, flat: vector, e: int, i: int, n: int):
     """Return the sum over the contributors of an element's node, not divided by the nodal area."""
     total = field[e, n, 0]
-    i = n // np_
-    j = n % np_
+    j = n - i * np_
     on_1 = i == 0 or i == np_ - 1
     on_2 = j == 0 or j == np_ - 1
     if on_1 or on_2:
@@ -60,40 +69,45 @@ def assemble(geo: geometry, field: local, flat: vector, e: int, n: int):
 
 
 @func
-def derivatives(geo: geometry, a: local, b: local, e: int, n: int):
+def derivatives(geo: geometry, a: local, b: local, e: int, i: int, n: int):
     """Return the derivatives of a along the first coordinate and of b along the second."""
     at = e * np_ * np_
     on_1 = wp.array(ptr=address(a, at), shape=(np_, np_), dtype=value)
     on_2 = wp.array(ptr=address(b, at), shape=(np_, np_), dtype=value)
-    i = n // np_
-    j = n % np_
+    j = n - i * np_
     return along(geo.derivative, on_1, i, j), across(geo.derivative, on_2, i, j)
 
 
-@kernel
+@unrolled
 def gradient(begin: int, geo: geometry, x: local, east: local, north: local):
-    """Store the weighted gradient of x before DSS; runs over (groups, np*np / share) threads."""
-    e, part = wp.tid()
+    """Store the weighted gradient of x before DSS."""
+    e, p, q = wp.tid()
     e += begin
-    for n in range(part * share, part * share + share):
-        w = geo.weight[n // np_, n % np_]
-        s1, s2 = derivatives(geo, x, x, e, n)
-        g1, g2 = grad(geo.basis, e, n, s1, s2)
-        east[e, n, 0] = w * g1
-        north[e, n, 0] = w * g2
+    for i in range(p * side, p * side + side):
+        for k in range(side):
+            n = i * np_ + lone * q + k
+            w = geo.weight[i, n - i * np_]
+            s1, s2 = derivatives(geo, x, x, e, i, n)
+            g1, g2 = grad(geo.basis, e, n, s1, s2)
+            east[e, n, 0] = w * g1
+            north[e, n, 0] = w * g2
 
 
 @func
-def diverge(geo: geometry, f1: local, f2: local, row: int, e: int, n: int, out: local):
-    s1, s2 = derivatives(geo, f1, f2, row, n)
-    out[e, n, 0] = geo.weight[n // np_, n % np_] * div(s1, s2)
+def diverge(geo: geometry, f1: local, f2: local, row: int, e: int, p: int, q: int, out: local):
+    """Store the weighted divergence of the fluxes in a row of f1 and f2 before DSS."""
+    for i in range(p * side, p * side + side):
+        for k in range(side):
+            n = i * np_ + lone * q + k
+            s1, s2 = derivatives(geo, f1, f2, row, i, n)
+            out[e, n, 0] = geo.weight[i, n - i * np_] * div(s1, s2)
 
 
-@kernel
+@unrolled
 def divergence(begin: int, geo: geometry, f1: local, f2: local, out: local):
-    """Store the weighted divergence of two fluxes before DSS; runs over (groups, np*np)."""
-    e, n = wp.tid()
-    diverge(geo, f1, f2, begin + e, begin + e, n, out)
+    """Store the weighted divergence of two fluxes before DSS."""
+    e, p, q = wp.tid()
+    diverge(geo, f1, f2, begin + e, begin + e, p, q, out)
 
 
 @func
@@ -102,89 +116,102 @@ def put_fluxes(geo: geometry, u: value, v: value, row: int, e: int, n: int, f1: 
     f2[row, n, 0] = dot(geo.flux_matrix[e, n, 2], geo.flux_matrix[e, n, 3], u, v)
 
 
-@kernel
+@unrolled
 def wind_fluxes(begin: int, geo: geometry, r: state_vector, f1: local, f2: local, out: local):
     """Store the fluxes H T V of the wind V of r and, if `together`, their divergence in `out`."""
-    e, part = wp.tid()
+    e, p, q = wp.tid()
     e += begin
     row = wp.where(together, 0, e)
-    for n in range(part * share, part * share + share):
-        u = load_given(r, 0, geo.nodes[e, n])
-        v = load_given(r, geo.size, geo.nodes[e, n])
-        put_fluxes(geo, u, v, row, e, n, f1, f2)
+    for i in range(p * side, p * side + side):
+        for k in range(side):
+            n = i * np_ + lone * q + k
+            u = load_given(r, 0, geo.nodes[e, n])
+            v = load_given(r, geo.size, geo.nodes[e, n])
+            put_fluxes(geo, u, v, row, e, n, f1, f2)
     if wp.static(together):
-        for n in range(share):
-            diverge(geo, f1, f2, row, e, n, out)
+        diverge(geo, f1, f2, row, e, p, q, out)
 
 
-@kernel
+@unrolled
 def slope_fluxes(
     begin: int, geo: geometry, east: local, east_flat: vector, north: local, north_flat: vector,
     f1: local, f2: local, out: local,
 ):  # fmt: skip
     """Store the fluxes H T V of a gradient V and, if `together`, their divergence in `out`."""
-    e, part = wp.tid()
+    e, p, q = wp.tid()
     e += begin
     row = wp.where(together, 0, e)
-    for n in range(part * share, part * share + share):
-        u = mul(geo.per_area[e, n], assemble(geo, east, east_flat, e, n))
-        v = mul(geo.per_area[e, n], assemble(geo, north, north_flat, e, n))
-        put_fluxes(geo, u, v, row, e, n, f1, f2)
+    for i in range(p * side, p * side + side):
+        for k in range(side):
+            n = i * np_ + lone * q + k
+            u = mul(geo.per_area[e, n], assemble(geo, east, east_flat, e, i, n))
+            v = mul(geo.per_area[e, n], assemble(geo, north, north_flat, e, i, n))
+            put_fluxes(geo, u, v, row, e, n, f1, f2)
     if wp.static(together):
-        for n in range(share):
-            diverge(geo, f1, f2, row, e, n, out)
+        diverge(geo, f1, f2, row, e, p, q, out)
 
 
-@kernel
+@unrolled
 def eliminate(
     begin: int, geo: geometry, field: local, flat: vector, r: state_vector, tau: real, b: local
 ):
     """Set b = r_h - tau D H T r_V; `field` is the weighted divergence before DSS."""
-    e, part = wp.tid()
+    e, p, q = wp.tid()
     e += begin
-    for n in range(part * share, part * share + share):
-        outflow = mul(geo.per_area[e, n], assemble(geo, field, flat, e, n))
-        b[e, n, 0] = load_given(r, 2 * geo.size, geo.nodes[e, n]) - tau * outflow
+    for i in range(p * side, p * side + side):
+        for k in range(side):
+            n = i * np_ + lone * q + k
+            outflow = mul(geo.per_area[e, n], assemble(geo, field, flat, e, i, n))
+            b[e, n, 0] = load_given(r, 2 * geo.size, geo.nodes[e, n]) - tau * outflow
 
 
 @func
-def image(geo: geometry, field: local, flat: vector, tau_tau_g: real, d: local, e: int, n: int):
+def image(
+    geo: geometry, field: local, flat: vector, tau_tau_g: real, d: local, e: int, i: int, n: int
+):
     """Return S d, with `field` = D H T G d before DSS."""
-    return d[e, n, 0] - tau_tau_g * mul(geo.per_area[e, n], assemble(geo, field, flat, e, n))
+    return d[e, n, 0] - tau_tau_g * mul(geo.per_area[e, n], assemble(geo, field, flat, e, i, n))
 
 
-@kernel
+@unrolled
 def product(
     begin: int, geo: geometry, field: local, flat: vector, tau_tau_g: real, d: local, share_b: real,
     b: local, sign: real, out: local,
 ):  # fmt: skip
     """Set out = share_b b + sign S d, with `field` = D H T G d before DSS."""
-    e, part = wp.tid()
+    e, p, q = wp.tid()
     e += begin
-    for n in range(part * share, part * share + share):
-        out[e, n, 0] = share_b * b[e, n, 0] + sign * image(geo, field, flat, tau_tau_g, d, e, n)
+    for i in range(p * side, p * side + side):
+        for k in range(side):
+            n = i * np_ + lone * q + k
+            found = image(geo, field, flat, tau_tau_g, d, e, i, n)
+            out[e, n, 0] = share_b * b[e, n, 0] + sign * found
 
 
-@kernel
+@unrolled
 def chebyshev_start(begin: int, geo: geometry, size: real, b: local, x: local):
     """Take the first Chebyshev step from zero: x = size b / diag(S)."""
-    e, part = wp.tid()
+    e, p, q = wp.tid()
     e += begin
-    for n in range(part * share, part * share + share):
-        x[e, n, 0] = size * mul(geo.per_diagonal[e, n], b[e, n, 0])
+    for i in range(p * side, p * side + side):
+        for k in range(side):
+            n = i * np_ + lone * q + k
+            x[e, n, 0] = size * mul(geo.per_diagonal[e, n], b[e, n, 0])
 
 
-@kernel
+@unrolled
 def chebyshev_step(
     begin: int, geo: geometry, field: local, flat: vector, tau_tau_g: real, size: real, b: local,
     x: local,
 ):  # fmt: skip
     """Set x += size (b - S x) / diag(S), with `field` = D H T G x before DSS."""
-    e, part = wp.tid()
+    e, p, q = wp.tid()
     e += begin
-    for n in range(part * share, part * share + share):
-        residual = b[e, n, 0] - image(geo, field, flat, tau_tau_g, x, e, n)
-        x[e, n, 0] = x[e, n, 0] + size * mul(geo.per_diagonal[e, n], residual)
+    for i in range(p * side, p * side + side):
+        for k in range(side):
+            n = i * np_ + lone * q + k
+            residual = b[e, n, 0] - image(geo, field, flat, tau_tau_g, x, e, i, n)
+            x[e, n, 0] = x[e, n, 0] + size * mul(geo.per_diagonal[e, n], residual)
 
 
 @functools.cache
@@ -215,13 +242,15 @@ def substitute_kernel(given: Any) -> Any:
     return substitute
 
 
-@kernel
+@unrolled
 def to_field(begin: int, node: nodes, x: state_vector, out: local):
     """Copy a nodal vector (N,) to a field."""
-    e, part = wp.tid()
+    e, p, q = wp.tid()
     e += begin
-    for n in range(part * share, part * share + share):
-        out[e, n, 0] = load_given(x, 0, node[e, n])
+    for i in range(p * side, p * side + side):
+        for k in range(side):
+            n = i * np_ + lone * q + k
+            out[e, n, 0] = load_given(x, 0, node[e, n])
 
 
 @functools.cache

@@ -102,11 +102,15 @@ class KernelTypes:
         """Register of the numbers that one thread handles side by side."""
         self.value = self.register.value
         """Type of a field at a node."""
-        self.share = np_ * np_ if shape == "element" else 1
-        """Number of nodes per thread in kernels over (groups, np*np / share) threads."""
+        self.side = np_ if shape == "element" else 1
+        """A thread handles `side` nodes in both directions, in kernels over `threads`."""
         self.geometry = self._geometry()
         """Warp structure of arrays and scalars that kernels of these types read.  Arrays on element
         nodes have shape (groups, np*np, ...), on unique nodes (N,), (2N,) or (unknowns*N,)."""
+
+    def threads(self, groups: int) -> tuple[int, int, int]:
+        """Return the threads of kernels over all nodes of these groups of elements."""
+        return groups, self.np // self.side, self.np // self.side
 
     def _geometry(self) -> Any:
         terms, value, real, point = self.terms, self.value, self.real, self.point
@@ -143,9 +147,11 @@ class KernelTypes:
 
 
 np_: Any = Placeholder(lambda t: t.np, of_elements=True)
-share: Any = Placeholder(lambda t: t.share, of_elements=True)
+side: Any = Placeholder(lambda t: t.side, of_elements=True)
 geometry: Any = Placeholder(lambda t: t.geometry, of_elements=True)
 """These three names are the members of `KernelTypes` in kernels."""
+lone: Any = Placeholder(lambda t: int(t.side == 1), of_elements=True)
+"""1 if a thread handles one node, else 0."""
 state_vector: Any = Placeholder(lambda t: wp.array(dtype=t.given), of_elements=True)
 """Array type of a state vector."""
 output: Any = Placeholder(

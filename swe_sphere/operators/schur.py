@@ -49,7 +49,7 @@ class Damping:
     def __init__(self, mesh: DeviceMesh, rate: Rate, given: Any) -> None:
         self._mesh, self._launch = mesh, mesh.launch
         types = mesh.types(given=given)
-        self._dim = mesh.groups, mesh.points // types.share
+        self._dim = types.threads(mesh.groups)
         self._filter, self._covariant, self._physical = mesh.launch.compile(
             types, damp, covariant, physical
         )
@@ -133,7 +133,7 @@ class SchurOperator:
         self._value, self._together = types.value, specialise(helmholtz.together, types)
         self._nodes = mesh.mesh.nodes[mesh.part.element_numbers]
         """(e, np, np) number in the whole mesh of each element node."""
-        self.dim = mesh.groups, mesh.points // types.share
+        self.dim = types.threads(mesh.groups)
         """Threads of a launch over the elements."""
         shape = mesh.groups, mesh.points
         per_area = mesh.on_elements(1.0 / mesh.mesh.area[self._nodes])
