@@ -12,6 +12,8 @@ meanwhile, and nodes that elements on the rim own come after them.
 """
 
 import ctypes
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,8 +23,22 @@ from swe_sphere.mesh.cubed_sphere import BLOCK
 from swe_sphere.mesh.partition import MeshPart
 from swe_sphere.operators.launch import Cuts, Launcher, Span
 
-NODES = 4096
-"""Least number of element nodes of a strip, whose data fit the second-level cache."""
+CACHE = Path("/sys/devices/system/cpu/cpu0/cache/index2/size")
+"""File in which Linux states the size of the second-level cache, as in "1280K"."""
+PER_NODE = 128
+"""Bytes of that cache for each element node of a strip."""
+
+
+def _nodes_that_fit() -> int:
+    size = 512
+    with suppress(OSError, ValueError):
+        size = max(size, int(CACHE.read_text().strip().removesuffix("K")))
+    return size * 1024 // PER_NODE
+
+
+NODES = _nodes_that_fit()
+"""Least number of element nodes of a strip, whose data fit the second-level cache: 4096 if the
+cache has half a megabyte, or if its size is unknown."""
 
 
 class Strips:
