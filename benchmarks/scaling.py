@@ -28,7 +28,7 @@ from sections import PAGES, Section, measure
 from swe_sphere import Simulation
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import chunking
-from swe_sphere.solvers.preconditioners.coarse import SPACING
+from swe_sphere.solvers.preconditioners.coarse import SPACING, SPACING_OF_MODES
 
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
@@ -206,7 +206,8 @@ def measured() -> Section:
 def model() -> Section:
     """Time of a step on many ranks, by the model."""
     steps = {name: step(name) for name in STEPPERS}
-    dense = 4.0 * (6 * (2 * round(LARGE / SPACING)) ** 2 + 2) ** 2
+    smooth, modes = (6 * round(LARGE / cells) ** 2 for cells in (SPACING, SPACING_OF_MODES))
+    dense = 4.0 * (smooth**2 + modes**2 + (2 * modes) ** 2)
     picture(PAGES / "scaling.svg", steps, LARGE, SUPPOSED, rim())
     rows = []
     for name, of in steps.items():
@@ -231,7 +232,7 @@ def model() -> Section:
         "present program every rank receives the sums of a few large branches from every other "
         "rank and solves for the longest waves, which ends the gain of implicit steps early. "
         "The number of partitions in the last rows is the largest number of ranks. The model "
-        f"omits the dense inverse of the longest waves, {dense / 2**30:.0f} GiB at ne {LARGE}, "
+        f"omits the dense inverses for the longest waves, {dense / 2**30:.0f} GiB at ne {LARGE}, "
         "where a further level would be needed. The last columns show the model with trees of "
         "sums and a fully distributed coarse level that is visited twice." + disturbed(),
         ["stepper", "ranks", "elements a rank", "as it is [s a step]", "in trees [s a step]",

@@ -22,8 +22,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import Partition
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.sparse import gradients
-from swe_sphere.solvers.preconditioners.coarse import coarse_spaces
-from swe_sphere.solvers.preconditioners.multilevel import COARSE_STEPS
+from swe_sphere.solvers.preconditioners.coarse import STEPS, coarse_spaces
 
 FIELDS = {"tendency_of_groups": 3, "gradient": 2, "wind_fluxes": 1, "slope_fluxes": 1}
 """Number of fields that kernels over elements send to other ranks at a shared node: rates of wind
@@ -121,14 +120,13 @@ class Traffic:
                 total += calls * FIELDS[name] * int(size) * self.on_the_rim
         if f"{RESTRICT} {SINGLE}" in did:
             integrals, functions = self.coarse
-            of_one = integrals + (COARSE_STEPS[0] - 1) * functions
+            of_one = integrals + (STEPS - 1) * functions
             total += did[f"{RESTRICT} {SINGLE}"] * SINGLE * of_one
         return total
 
     @cached_property
     def _of_an_element(self) -> int:
-        smooth, both, either, _ = coarse_spaces(self.mesh)
-        return sum(space.numbers.shape[1] for space in (smooth, both, either))
+        return sum(space.numbers.shape[1] for space in coarse_spaces(self.mesh))
 
     @cached_property
     def _functions(self) -> tuple[Any, Any]:
@@ -136,10 +134,9 @@ class Traffic:
         spaces = coarse_spaces(self.mesh)
         on = []
         for space in spaces:
-            element, slot = np.nonzero(space.numbers >= 0)
-            where = element, space.numbers[element, slot]
+            where = np.indices(space.numbers.shape)[0].ravel(), space.numbers.ravel()
             shape = self.mesh.elements, space.numbers.max() + 1
-            on.append(scipy.sparse.csr_array((np.ones(element.size, int), where), shape))
+            on.append(scipy.sparse.csr_array((np.ones(where[0].size, int), where), shape))
         sloping = [_entries(gradients(self.mesh, space)) for space in spaces[1:]]
         see = scipy.sparse.block_diag([each.T @ each for each in (on[0], *sloping)], format="csr")
         return scipy.sparse.hstack(on, format="csr"), see

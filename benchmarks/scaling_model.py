@@ -48,7 +48,7 @@ class Step:
     sum_bytes: float
     """Bytes of one such message, both of two ranks together."""
     coarse: float
-    """Number of messages from all ranks to all with residuals of smooth coarse functions."""
+    """Number of messages from all ranks to all with integrals of coarse functions."""
     coarse_bytes: float
     """Bytes of one such message, all ranks together."""
 

@@ -112,7 +112,7 @@ class Counted:
         for halo, others, of_all in self._halos:
             n = self._exchanges[halo]
             sent = n * halo.going.bytes
-            if of_all:  # the integrals of smooth coarse functions
+            if of_all:  # the integrals of coarse functions
                 found.update({"coarse": n, "coarse bytes": sent // others})
             else:
                 found.update(exchanges=n, messages=n * others, bytes=sent)

@@ -103,6 +103,38 @@ def test_every_iterate_is_that_of_scipy(preconditioned) -> None:
         assert ours == pytest.approx(theirs, abs=1e-10 * np.abs(theirs).max())
 
 
+def test_last_step_leaves_the_least_residual() -> None:
+    """An iteration ends the solve if another step along its direction reaches the tolerance."""
+    matrix, b = laplacian(), random()
+    (first, _), size = solve(matrix.__matmul__, b, max_iterations=1), np.linalg.norm(b)
+    image = matrix @ b
+    least = np.sqrt(1.0 - (b @ image) ** 2 / (b @ b) / (image @ image))
+    assert least < 0.98 * first.residual / size
+    result, x = solve(matrix.__matmul__, b, rtol=1.001 * least)
+    assert (result.status, result.iterations) == (Status.CONVERGED, 1)
+    assert np.linalg.norm(b - matrix @ x) == pytest.approx(least * size, rel=1e-10)
+
+
+def test_the_cheaper_preconditioner_serves_near_the_target_and_never_twice_in_a_row() -> None:
+    """Here it is none at all, after an inverse that leaves a part of each residual."""
+    matrix, b = laplacian(shift=1.0), random()
+    exact, asked = sla.splu(matrix.tocsc()), []
+
+    def inverse(kind: str, r: np.ndarray) -> np.ndarray:
+        asked.append(kind)
+        return 0.9 * exact.solve(r) + 0.1 * r if kind == "full" else r
+
+    full, cheap = (lambda r, kind=kind: inverse(kind, r) for kind in ("full", "cheap"))
+    result, x = solve(matrix.__matmul__, b, precondition=full, finish=operator(cheap), rtol=1e-6)
+    assert result.converged and np.linalg.norm(b - matrix @ x) < 2e-6 * np.linalg.norm(b)
+    near = [residual < 4.0 * result.target for residual in result.history[:-1]]
+    expected = []
+    for index, is_near in enumerate(near):
+        cheaper = is_near and index > 0 and expected[-1] == "full"
+        expected.append("cheap" if cheaper else "full")
+    assert asked == expected and "cheap" in asked
+
+
 def test_symmetric_in_the_inner_product_of_the_weights() -> None:
     """W^-1 K is not a symmetric matrix, but it is symmetric for the weights W."""
     weights, matrix, b = np.random.default_rng(5).uniform(0.1, 10.0, N), laplacian(), random()

@@ -29,7 +29,7 @@ class ElementSpace:
     values: Array
     """(np*np, k) nodal values of the functions."""
     numbers: NDArray[np.int32]
-    """(E, k) numbers of the functions; -1 for an omitted one."""
+    """(E, k) numbers of the functions."""
 
     def matrix(
         self, rows: NDArray[np.int32], values: NDArray[np.floating]
@@ -38,7 +38,7 @@ class ElementSpace:
         shape = (*rows.shape, self.numbers.shape[1])
         values = np.broadcast_to(values, shape)
         columns = np.broadcast_to(self.numbers[:, None, :], shape)
-        used = (columns >= 0) & (values != 0.0)
+        used = values != 0.0
         index = (np.broadcast_to(rows[..., None], shape)[used], columns[used])
         sizes = rows.max() + 1, self.numbers.max() + 1
         return scipy.sparse.coo_array((values[used], index), sizes)
@@ -82,9 +82,9 @@ def stiffness(
 ) -> scipy.sparse.csr_array:
     """Return the integrals (N, N) of coefficient (N,) times grad phi . grad s of nodal functions.
 
-    With a `space`, whose `numbers` have no -1: the integrals (V, V) of its functions. They then
-    count as bilinear between GLL nodes, and the metric terms times the coefficient as well, so that
-    functions on different cells do not couple.
+    With a `space`: the integrals (V, V) of its functions. They then count as bilinear between GLL
+    nodes, and the metric terms times the coefficient as well, so that functions on different cells
+    do not couple.
     """
     along, at, weights = mesh.derivative, np.eye(mesh.np), mesh.gll_weights
     values, numbers = np.eye(mesh.np**2), mesh.nodes.reshape(mesh.elements, -1)

@@ -6,6 +6,7 @@ D and G are adjoint: S = I - tau^2 g D H G is symmetric if weighted by areas. Co
 """
 
 import time
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -35,6 +36,9 @@ sooner in fluid deeper than its reference than in shallower fluid (docs/results/
 ROUGH = 2e-6
 """Products with S in float32, at half the cost, suffice for relative tolerances above ROUGH times
 the largest diagonal entry of S: their error relative to the factor is at most a twentieth of it."""
+SHORT = 4.0
+"""Gravity-wave Courant number (root of the largest diagonal entry of S) below which Chebyshev steps
+alone reduce what one cycle leaves by a factor that justifies their cost."""
 INERTIAL = 1.25
 """An inertial wave of frequency f limits explicit steps like advection of the rate INERTIAL f;
 measured on meshes coarse enough that such waves limit the step (docs/results/steps.md)."""
@@ -226,7 +230,9 @@ class GravityWaves:
             recorded(launch, partial(_multiply, *each)) for each in (exact, rough)
         )
         self._least_rough = ROUGH * float(self.operator.diagonal.max())
-        self._precondition = recorded(launch, self._inverse)
+        self._precondition = recorded(launch, partial(self._invert, self._inner.solve))
+        finish = recorded(launch, partial(self._invert, self._inner.smooth))
+        self._finish = finish if self.operator.diagonal.max() < SHORT**2 else None
         self._counters["setups"] += 1
         self._counters["setup_seconds"] += time.perf_counter() - start
 
@@ -249,7 +255,7 @@ class GravityWaves:
         rtol, has_guess = max(tolerance, target / (size or 1.0)), guess is not None
         product = self._rough_product if rtol > self._least_rough else self._product
         system = product, self._b, self._h, self._precondition
-        result = self._krylov.solve(*system, rtol, scale=size, guess=has_guess)
+        result = self._krylov.solve(*system, rtol, scale=size, guess=has_guess, finish=self._finish)
         self.space.match_mean(self._b, self._h, self._ones)
         self.operator.to_field(self._h, h)
         self.operator.substitute(r, h, out)
@@ -257,10 +263,10 @@ class GravityWaves:
             self._carried.solve(self.tau, r, out)
         return result
 
-    def _inverse(self, r: wp.array, z: wp.array) -> None:
+    def _invert(self, solve: Callable[[Field, Field], None], r: wp.array, z: wp.array) -> None:
         rough_r, rough_z = self._rough_fields
         self._rough.to_field(r, rough_r)
-        self._inner.solve(rough_r, rough_z)
+        solve(rough_r, rough_z)
         self._rough.to_nodes(rough_z, z)
 
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from swe_sphere.arrays import Array, Integers, inverse_permutation
 from swe_sphere.kernels.coarse import assemble, transfer_kernels
 from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors
-from swe_sphere.mesh import Mesh
-from swe_sphere.mesh.interpolate import Interpolator
+from swe_sphere.mesh import Mesh, cubed_sphere
+from swe_sphere.mesh.sphere import position
 from swe_sphere.operators import sparse
 from swe_sphere.operators.device_mesh import Field
 from swe_sphere.operators.halo import Halo
@@ -31,11 +31,11 @@ CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 
 def coarse_spaces(mesh: Mesh) -> list[ElementSpace]:
-    """Return four spaces: smooth functions, and computational modes at V = 6 ne^2 + 2 vertices.
+    """Return three spaces: smooth functions, and computational modes at V = 6 ne^2 + 2 vertices.
 
-    Modes alternate from node to node in both directions (second space) or in one of them (third,
-    fourth), paired across element boundaries. At the eight cube corners, where three elements meet,
-    directions cannot be paired: the third space has both, the fourth no function (V - 8 in all).
+    Modes alternate from node to node in both directions (second space) or in one of them (third),
+    paired across element boundaries: two at each vertex. At the eight cube corners, where three
+    elements meet, directions cannot be paired: there is one mode with both (2V - 8 in all).
     """
     vertices = _numbered(mesh, np.array([0, mesh.np - 1]))
     hat = 0.5 * (1.0 - mesh.gll_points)
@@ -44,12 +44,11 @@ def coarse_spaces(mesh: Mesh) -> list[ElementSpace]:
     turned, corner = _turned(vertices), np.bincount(vertices.ravel())[vertices] == 3
     renumbered = np.cumsum(np.bincount(vertices.ravel()) != 3, dtype=np.int32) - 1
     belongs = np.concatenate([~turned | corner, turned | corner], axis=1)
-    numbers, fewer = np.tile(vertices, 2), np.tile(renumbered[vertices], 2)
+    first, second = np.tile(vertices, 2), np.tile(renumbered[vertices] + vertices.max() + 1, 2)
     return [
         smooth_functions(mesh),
         ElementSpace(_products(pattern, pattern), vertices),
-        ElementSpace(along_either, np.where(belongs, numbers, -1)),
-        ElementSpace(along_either, np.where(belongs, -1, fewer)),
+        ElementSpace(along_either, np.where(belongs, first, second)),
     ]
 
 
@@ -156,7 +155,7 @@ class CoarsePart:
         (self._assemble,) = launch.compile(mesh.real, assemble)
         launch.load(self._restrict, self._prolong)
         self._dims = (groups, count // few), (groups, mesh.points // many)
-        self._values = mesh.upload(np.concatenate([space.values for space in spaces[:3]], axis=1).T)
+        self._values = mesh.upload(np.concatenate([space.values for space in spaces], axis=1).T)
         self._mass = mesh.on_elements(mesh.mesh.quadrature * mesh.mesh.jacobian[self._here])
         self._of_elements = mesh.on_elements(self.here(self._numbers[self._here]), scalar=wp.int32)
         size = count * (groups * mesh.lanes + sum(map(len, self._away.values())))
@@ -244,30 +243,31 @@ class CoarsePart:
 
 
 def _numbers(spaces: list[ElementSpace]) -> Integers:
-    """Return numbers (E, k) of the functions on each element, one space after the other.
-
-    A slot of the third block belongs to the third or to the fourth space; the other number is 0.
-    """
+    """Return numbers (E, k) of the functions on each element, one space after the other."""
     starts = np.cumsum([0, *(int(space.numbers.max()) + 1 for space in spaces)])
-    smooth, both, one, other = (
-        np.where(space.numbers < 0, 0, space.numbers + start)
-        for space, start in zip(spaces, starts[:-1], strict=True)
-    )
-    return np.concatenate([smooth, both, one + other], axis=1, dtype=np.int32)
+    numbers = [space.numbers + start for space, start in zip(spaces, starts[:-1], strict=True)]
+    return np.concatenate(numbers, axis=1, dtype=np.int32)
 
 
 NEGLIGIBLE = 0.02
 """Size of omitted couplings of computational modes, relative to the diagonal."""
-SPACING = 12
-"""Number of cells of smooth functions along an element of the coarsest mesh (three nodes)."""
+RIDGE = 1e-4
+"""Relative increase of the diagonal of a matrix of long waves, which may depend on one another."""
+SMALL = 1e-6
+"""Values of coarse functions up to this count as zero."""
+STEPS = 5
+"""Number of Chebyshev steps; with four, fine meshes need more iterations."""
+SPACING, SPACING_OF_MODES = 6, 12
+"""Numbers of cells of smooth functions, and of elements with modes, along an element of the mesh of
+long waves."""
 
 
 class CoarseCorrection:
     """x += sum over the spaces of P_k S_k^-1 P_k^T M b, all inverses by Chebyshev steps.
 
     The smooth waves have the compact Helmholtz operator, the computational modes the Galerkin
-    operators of S. The longest smooth waves are first solved for exactly, on a mesh so coarse that
-    a dense inverse suffices.
+    operators of S. Of both the longest waves are first solved for exactly, on meshes so coarse that
+    dense inverses suffice: in the longest waves of a mode S is about 1, far below its diagonal.
     """
 
     def __init__(self, operator: SchurOperator) -> None:
@@ -278,59 +278,54 @@ class CoarseCorrection:
         self._mass, *masses = [(basis.T @ (area @ basis)).tocsr() for basis in bases]
         gradients = [sparse.gradients(mesh, space, np.float32) for space in spaces[1:]]
         self._modes = list(zip(masses, gradients, strict=True))
-        self._longest = longest_waves(mesh, bases[0])
-        count, (smooth, few) = sum(basis.shape[1] for basis in bases), self._longest.shape
+        self._longest, self._signs = longest_waves(mesh, spaces, bases[0])
+        longest = scipy.sparse.block_diag(self._longest, format="csr")
+        count, few = longest.shape
         self._part = CoarsePart(operator, spaces, gradients)
         vectors = (vector(operator.mesh, self._part.functions.size) for _ in range(4))
         self._b, self._x, self._new, self._per_diagonal = vectors
         self._few = vector(operator.mesh, few), vector(operator.mesh, few)
-        here = self._part.rows(_filled(self._longest, (count, few)))
-        self._spread = TallMatrix(operator.mesh, here)
-        self._gather = TallMatrix(operator.mesh, self._longest).transposed
-        self._smooth_b = self._b
+        self._spread = TallMatrix(operator.mesh, self._part.rows(longest))
+        self._gather = TallMatrix(operator.mesh, longest).transposed
+        self._all_b = self._b
         if operator.mesh.comm.shared:
-            comm, self._smooth_b = operator.mesh.comm, vector(operator.mesh, smooth)
-            mine = self._part.owned(np.arange(smooth))
+            comm, self._all_b = operator.mesh.comm, vector(operator.mesh, count)
+            mine = self._part.owned(np.arange(count))
             owned = {rank: each for rank, each in enumerate(comm.allgather(mine)) if each.size}
             sends = dict.fromkeys(range(comm.size) if mine.size else (), self._part.here(mine))
-            self._join = Halo(operator.mesh.launch, self._b.flat, sends, owned, self._smooth_b.flat)
-            """The integrals of all smooth functions, each from the rank that owns it."""
+            self._join = Halo(operator.mesh.launch, self._b.flat, sends, owned, self._all_b.flat)
+            """The integrals of all functions, each from the rank that owns it."""
             ring = self._part.ring()
             for each in (self._x, self._new):
                 operator.mesh.register_exchange(each.flat, *ring)
 
-    def setup(self, tau: float, depth: Array, steps: int) -> None:
-        """Build operators for the implicit step tau [s], depth (N,) [m] and that many steps."""
-        schur, longest = self._operator.matrix, self._longest
+    def setup(self, tau: float, depth: Array) -> None:
+        """Build operators for the implicit step tau [s] and depth (N,) [m]."""
+        schur = self._operator.matrix
         compact = sparse.stiffness(schur.mesh, schur.weight(tau, depth), self._hats)
         smooth = self._mass + tau**2 * schur.gravity * compact
         blocks = [schur.galerkin(mass, gradients, tau, depth) for mass, gradients in self._modes]
-        modes = _without_small(scipy.sparse.block_diag(blocks, format="coo"))
+        modes = _without_small(scipy.sparse.block_diag(blocks, format="coo"), self._signs)
         matrix = scipy.sparse.block_diag([smooth, modes], format="csr", dtype=np.float32)
-        del compact, blocks, modes  # the memory use of a run peaks here
+        del compact, modes  # the memory use of a run peaks here
         inverse = 1.0 / matrix.diagonal()
         largest = spectral_bound(lambda x: inverse * (matrix @ x), inverse.size)
-        self._sizes = chebyshev_steps(steps, largest)
-        few = (longest.T @ smooth @ longest).toarray()
-        independent = longest.shape[0] >= longest.shape[1]  # otherwise the mesh has eight vertices
-        exact = np.linalg.inv(few) if independent else np.linalg.pinv(few, 1e-10, hermitian=True)
-        self._exact = TallMatrix(self._operator.mesh, scipy.sparse.csr_array(exact))
-        self._smooth, self._matrix = (
-            SlicedMatrix(self._operator.mesh, self._part.square(each))
-            for each in (_filled(smooth, matrix.shape), matrix)
-        )
+        self._sizes = chebyshev_steps(STEPS, largest)
+        exact = map(_inverse, (smooth, *blocks), self._longest)
+        self._exact = TallMatrix(self._operator.mesh, scipy.sparse.block_diag([*exact], "csr"))
+        self._matrix = SlicedMatrix(self._operator.mesh, self._part.square(matrix))
         self._operator.mesh.write(inverse[self._part.functions], self._per_diagonal.flat)
 
     def correct(self, b: Field, x: Field, add: bool = True) -> None:
         """Add the correction for the residual b to x, or set x to it."""
-        now, new, matrix = self._x, self._new, self._smooth
+        now, new, matrix = self._x, self._new, self._matrix
         self._part.restrict(b, self._b)
         self._solve_longest(now)
         for number, size in enumerate(self._sizes, 1):
             matrix.chebyshev_step(size, self._per_diagonal, self._b, now, new)
             if number < len(self._sizes):
                 self._operator.mesh.exchange(new)
-            now, new, matrix = new, now, self._matrix
+            now, new = new, now
         if not add:
             x.values.zero_()
         self._part.prolong(now, x)
@@ -338,31 +333,68 @@ class CoarseCorrection:
     def _solve_longest(self, out: Field) -> None:
         """Set out = P A^-1 P^T b for the longest waves."""
         once, twice = self._few
-        if self._smooth_b is not self._b:
+        if self._all_b is not self._b:
             self._join()
-        self._gather(self._smooth_b, once)
+        self._gather(self._all_b, once)
         self._exact(once, twice)
         self._spread(twice, out)
 
 
-def longest_waves(mesh: Mesh, smooth: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
-    """Return values (V, m) of a coarse mesh's nodal functions at the vertices of smooth functions.
+def longest_waves(
+    mesh: Mesh, spaces: list[ElementSpace], smooth: scipy.sparse.csr_array
+) -> tuple[list[scipy.sparse.csr_array], Array]:
+    """Return long waves in the spaces of `coarse_spaces`: coefficients (V, m) of the functions.
 
-    smooth: (N, V) nodal values of the smooth functions, each 1 at its own vertex.
+    They are the values of hats on a coarse mesh at the vertices of the functions. If np is even,
+    modes have opposite signs at neighbours in each direction in which they alternate. As these are
+    directions of a face of the cube, each face has its own waves of modes. The second result is the
+    signs of all modes. smooth: (N, V) nodal values of the smooth functions.
     """
-    ne = max(1, round(np.sqrt((smooth.shape[1] - 2) / 6.0) / SPACING))
-    coarse = Mesh.build(ne, 3, mesh.radius, mesh.stretch, mesh.centre, mesh.spin)
-    entries, at = smooth.tocoo(), np.empty(smooth.shape[1], dtype=np.int64)
-    own = np.isclose(entries.data, 1.0)
+    nodes, signs = _vertices(smooth), []
+    waves = [_hats(mesh, nodes, np.sqrt((nodes.size - 2) / 6.0) / SPACING)]
+    for space in spaces[1:]:
+        _, first = np.unique(space.numbers, return_index=True)
+        element, slot = np.divmod(first, space.numbers.shape[1])
+        kind, corner = np.divmod(slot, len(CORNERS))
+        face, *place = np.unravel_index(element, (6, mesh.ne, mesh.ne))
+        i, j = np.array(place) + np.array(CORNERS)[corner].T
+        distance = i + j if space is spaces[1] else np.where(kind == 0, i, j)
+        signs.append((-1.0) ** ((mesh.np - 1) * distance))
+        corners = mesh.nodes[:, :: mesh.np - 1, :: mesh.np - 1].reshape(mesh.elements, -1)
+        values = _hats(mesh, corners[element, corner], mesh.ne / SPACING_OF_MODES)
+        of_faces = (signs[-1] * (6 * kind + face == k) for k in range(6 * (1 + kind.max())))
+        parts = [scipy.sparse.diags_array(of_face) @ values for of_face in of_faces]
+        waves.append(scipy.sparse.hstack(parts, format="csr"))
+    return [each[:, abs(each).sum(axis=0) > SMALL] for each in waves], np.concatenate(signs)
+
+
+def _vertices(basis: scipy.sparse.csr_array) -> Integers:
+    """Return the nodes (V,) at which functions with nodal values (N, V) are largest."""
+    entries, at = basis.tocoo(), np.empty(basis.shape[1], dtype=np.int64)
+    own = entries.data > 1.0 - SMALL
     at[entries.col[own]] = entries.row[own]
-    return Interpolator(coarse, mesh.lon[at], mesh.lat[at]).matrix
+    return at
 
 
-def _filled(matrix: scipy.sparse.csr_array, shape: tuple[int, int]) -> scipy.sparse.csr_array:
-    """Return the matrix with empty rows and columns appended."""
-    wider = scipy.sparse.csr_array(matrix, copy=True)
-    wider.resize(shape)
-    return wider
+def _hats(mesh: Mesh, nodes: NDArray[np.integer], ne: float) -> scipy.sparse.csr_array:
+    """Return values (V, m) at nodes of bilinear hats on a mesh with about `ne` elements."""
+    ne = max(2, round(ne))
+    vertices = Mesh.build(ne, 3).nodes[:, ::2, ::2].reshape(-1, 4)
+    points = mesh.placement.lift(position(mesh.lon[nodes], mesh.lat[nodes]))
+    element, *places = cubed_sphere.locate(points, ne)
+    first, second = (0.5 + 0.5 * np.stack([-xi, xi], axis=-1) for xi in places)
+    values = (first[:, :, None] * second[:, None, :]).ravel()
+    starts = 4 * np.arange(nodes.size + 1)
+    numbers = np.unique(vertices, return_inverse=True)[1].reshape(-1, 4)
+    entries = values, numbers[element].ravel(), starts
+    return scipy.sparse.csr_array(entries, shape=(nodes.size, numbers.max() + 1))
+
+
+def _inverse(matrix: scipy.sparse.csr_array, waves: scipy.sparse.csr_array) -> Array:
+    """Return the inverse (m, m) of a symmetric matrix (V, V) in the space of waves (V, m)."""
+    few = (waves.T @ matrix @ waves).toarray().astype(np.float32)
+    few[np.diag_indices_from(few)] *= 1.0 + RIDGE
+    return np.linalg.inv(few)
 
 
 def _reach(smooth: ElementSpace, gradients: list[Any]) -> scipy.sparse.csr_array:
@@ -372,9 +404,15 @@ def _reach(smooth: ElementSpace, gradients: list[Any]) -> scipy.sparse.csr_array
     return scipy.sparse.block_diag([of_elements, *gradients], format="csr")
 
 
-def _without_small(matrix: scipy.sparse.coo_array) -> scipy.sparse.csr_array:
-    """Return the matrix without entries that are NEGLIGIBLE relative to the diagonal."""
+def _without_small(matrix: scipy.sparse.coo_array, signs: Array) -> scipy.sparse.csr_array:
+    """Return the matrix without entries that are NEGLIGIBLE relative to the diagonal.
+
+    The diagonal makes up for them: the result has the same product with a vector of these signs.
+    """
     scale = np.sqrt(matrix.diagonal())
-    kept = np.abs(matrix.data) > NEGLIGIBLE * scale[matrix.row] * scale[matrix.col]
-    entries = matrix.data[kept], (matrix.row[kept], matrix.col[kept])
-    return scipy.sparse.csr_array(entries, shape=matrix.shape)
+    small = np.abs(matrix.data) <= NEGLIGIBLE * scale[matrix.row] * scale[matrix.col]
+    omitted, kept = (
+        scipy.sparse.csr_array((matrix.data[of], (matrix.row[of], matrix.col[of])), matrix.shape)
+        for of in (small, ~small)
+    )
+    return kept + scipy.sparse.diags_array(signs * (omitted @ signs))

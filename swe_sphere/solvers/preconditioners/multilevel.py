@@ -22,9 +22,6 @@ LONG = 10.0
 pays off, with one more Chebyshev step after the last correction."""
 COURANT_A_CYCLE, MOST_CYCLES = 20.0, 4
 """Each such increase of the gravity-wave Courant number adds a cycle, up to MOST_CYCLES."""
-COARSE_STEPS, LARGE = (6, 10), 290.0
-"""Numbers of Chebyshev steps on the coarse functions up to a median LARGE of diag S, and above.
-After some days computational modes limit the convergence: fewer steps need more iterations."""
 COURANT_A_STEP, LEAST_STEPS, MOST_STEPS, VERY_LONG = 2.2, 4, 16, 40.0
 """Above np 4 without diffusion a cycle has a Chebyshev step for each COURANT_A_STEP of the Courant
 number, within these limits; above VERY_LONG there are two cycles."""
@@ -70,7 +67,7 @@ class Multilevel:
         self._first, self._between, self._last = (
             chebyshev_steps(n, largest) for n in (FIRST_STEPS, between, last)
         )
-        self._coarse.setup(tau, depth, COARSE_STEPS[int(np.median(self.operator.diagonal) > LARGE)])
+        self._coarse.setup(tau, depth)
 
     def solve(self, b: Field, x: Field) -> None:
         """Set x to about S^-1 b."""
@@ -78,14 +75,19 @@ class Multilevel:
             if cycle == 0 and not self._smooths_first:
                 self._coarse.correct(b, x, add=False)
                 continue
-            steps = self._between
             if cycle == 0:
-                size, *steps = self._first
-                self.operator.chebyshev_start(size, b, x)
-            self._smooth(steps, b, x)
+                self.smooth(b, x)
+            else:
+                self._smooth(self._between, b, x)
             self.operator.residual(b, x, self._rest)
             self._coarse.correct(self._rest, x)
         self._smooth(self._last, b, x)
+
+    def smooth(self, b: Field, x: Field) -> None:
+        """Set x to about S^-1 b for b without smooth waves, which remain almost as they are."""
+        size, *steps = self._first
+        self.operator.chebyshev_start(size, b, x)
+        self._smooth(steps, b, x)
 
     def _smooth(self, sizes: list[float], b: Field, x: Field) -> None:
         for size in sizes:
