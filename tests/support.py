@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from swe_sphere.equations.effects import (
     Drag,
@@ -25,6 +26,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import Scene
 from swe_sphere.io.runfile import Nodal
 from swe_sphere.mesh import Mesh
+from swe_sphere.operators.sparse import ElementSpace
 from swe_sphere.steppers import STEPPERS, Stepper
 
 EXPLICIT, IMEX, EXPONENTIAL, IMPLICIT = (
@@ -191,3 +193,10 @@ class Frame(Nodal):
 
     def frame(self, time: float | None = None) -> dict:
         return self.fields
+
+
+def nodal_values(mesh: Mesh, space: ElementSpace) -> sp.csr_array:
+    """Nodal values (N, V) of the functions of a space, the same from all elements of a node."""
+    total = space.matrix(mesh.nodes.reshape(mesh.elements, -1), space.values).tocsr()
+    total.data *= np.repeat(1.0 / np.diff(mesh.gather_offsets), np.diff(total.indptr))
+    return total

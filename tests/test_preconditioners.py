@@ -11,7 +11,7 @@ import pytest
 import scipy.sparse as sp
 import scipy.sparse.linalg as sla
 import warp as wp
-from support import make_scene, relative
+from support import make_scene, nodal_values, relative
 from threadpoolctl import threadpool_limits
 
 from swe_sphere.equations.model import Model
@@ -23,7 +23,7 @@ from swe_sphere.operators.schur import SchurMatrix
 from swe_sphere.planet import HOUR, Planet
 from swe_sphere.solvers.krylov import FlexibleGMRES, LinearResult
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS, make_preconditioner
-from swe_sphere.solvers.preconditioners.coarse import coarse_spaces, interpolation
+from swe_sphere.solvers.preconditioners.coarse import coarse_spaces
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import get_stepper
 from swe_sphere.steppers.implicit import StageProblem
@@ -299,7 +299,7 @@ def face_vertices(mesh: Mesh) -> np.ndarray:
 
 def coarse_bases(mesh: Mesh) -> list[sp.csr_array]:
     """Nodal values of smooth functions, and of modes in both, the first and second direction."""
-    smooth, both, either = (interpolation(mesh, space) for space in coarse_spaces(mesh))
+    smooth, both, either = (nodal_values(mesh, space) for space in coarse_spaces(mesh))
     return [smooth, both, either[:, : both.shape[1]], either[:, both.shape[1] :]]
 
 

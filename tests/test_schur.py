@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import warp as wp
-from support import make_scene, relative, tangent
+from support import make_scene, nodal_values, relative, tangent
 
 from swe_sphere.equations.model import Model
 from swe_sphere.kernels.simd.memory import MOST_RUNS, in_runs
@@ -18,7 +18,7 @@ from swe_sphere.operators.device_mesh import REALS, Field
 from swe_sphere.operators.schur import SchurMatrix, SchurOperator
 from swe_sphere.solvers.preconditioners import make_preconditioner
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_steps, schur_bound
-from swe_sphere.solvers.preconditioners.coarse import coarse_spaces, interpolation
+from swe_sphere.solvers.preconditioners.coarse import coarse_spaces
 from swe_sphere.solvers.preconditioners.multilevel import Multilevel
 
 TAU, GRAVITY = 3000.0, 9.8
@@ -191,7 +191,7 @@ def test_slopes_of_coarse_functions_are_those_of_the_whole_gradient(np_: int) ->
     mesh = mesh_of(np_)
     spaces = [space for space in coarse_spaces(mesh) if space.numbers.max() >= 0]
     for space in spaces:
-        whole = sparse.gradient(mesh) @ interpolation(mesh, space)
+        whole = sparse.gradient(mesh) @ nodal_values(mesh, space)
         assert relative(sparse.gradients(mesh, space).toarray(), whole.toarray()) < 1e-13
 
 

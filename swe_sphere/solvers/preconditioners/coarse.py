@@ -106,14 +106,11 @@ def _turned(vertices: NDArray[np.integer]) -> NDArray[np.bool_]:
     return turned.reshape(-1, 4)
 
 
-def interpolation(mesh: Mesh, space: ElementSpace) -> scipy.sparse.csr_array:
-    """Return the nodal values (N, V) of the functions.
-
-    Both elements at a boundary node give it the same value.
-    """
-    total = space.matrix(mesh.nodes.reshape(mesh.elements, -1), space.values).tocsr()
-    total.data *= np.repeat(1.0 / np.diff(mesh.gather_offsets), np.diff(total.indptr))
-    return total
+def _mass(mesh: Mesh, space: ElementSpace) -> scipy.sparse.csr_array:
+    """Return the integrals (V, V) [m2] of the products of functions."""
+    area = (mesh.quadrature * mesh.jacobian).reshape(mesh.elements, -1, 1)
+    products = space.values.T @ (area * space.values)
+    return space.matrix(space.numbers, products).tocsr()
 
 
 MOST_CONTRIBUTIONS = 2 * CONTRIBUTORS
@@ -273,12 +270,10 @@ class CoarseCorrection:
     def __init__(self, operator: SchurOperator) -> None:
         mesh, spaces = operator.mesh.mesh, coarse_spaces(operator.mesh.mesh)
         self._operator, self._hats = operator, spaces[0]
-        area = scipy.sparse.diags_array(mesh.area)
-        bases = [interpolation(mesh, space) for space in spaces]
-        self._mass, *masses = [(basis.T @ (area @ basis)).tocsr() for basis in bases]
+        self._mass, *masses = [_mass(mesh, space) for space in spaces]
         gradients = [sparse.gradients(mesh, space, np.float32) for space in spaces[1:]]
         self._modes = list(zip(masses, gradients, strict=True))
-        self._longest, self._signs = longest_waves(mesh, spaces, bases[0])
+        self._longest, self._signs = longest_waves(mesh, spaces)
         longest = scipy.sparse.block_diag(self._longest, format="csr")
         count, few = longest.shape
         self._part = CoarsePart(operator, spaces, gradients)
@@ -341,16 +336,16 @@ class CoarseCorrection:
 
 
 def longest_waves(
-    mesh: Mesh, spaces: list[ElementSpace], smooth: scipy.sparse.csr_array
+    mesh: Mesh, spaces: list[ElementSpace]
 ) -> tuple[list[scipy.sparse.csr_array], Array]:
     """Return long waves in the spaces of `coarse_spaces`: coefficients (V, m) of the functions.
 
     They are the values of hats on a coarse mesh at the vertices of the functions. If np is even,
     modes have opposite signs at neighbours in each direction in which they alternate. As these are
     directions of a face of the cube, each face has its own waves of modes. The second result is the
-    signs of all modes. smooth: (N, V) nodal values of the smooth functions.
+    signs of all modes.
     """
-    nodes, signs = _vertices(smooth), []
+    nodes, signs = _vertices(mesh, spaces[0]), []
     waves = [_hats(mesh, nodes, np.sqrt((nodes.size - 2) / 6.0) / SPACING)]
     for space in spaces[1:]:
         _, first = np.unique(space.numbers, return_index=True)
@@ -360,20 +355,17 @@ def longest_waves(
         i, j = np.array(place) + np.array(CORNERS)[corner].T
         distance = i + j if space is spaces[1] else np.where(kind == 0, i, j)
         signs.append((-1.0) ** ((mesh.np - 1) * distance))
-        corners = mesh.nodes[:, :: mesh.np - 1, :: mesh.np - 1].reshape(mesh.elements, -1)
-        values = _hats(mesh, corners[element, corner], mesh.ne / SPACING_OF_MODES)
+        values = _hats(mesh, _vertices(mesh, space), mesh.ne / SPACING_OF_MODES)
         of_faces = (signs[-1] * (6 * kind + face == k) for k in range(6 * (1 + kind.max())))
         parts = [scipy.sparse.diags_array(of_face) @ values for of_face in of_faces]
         waves.append(scipy.sparse.hstack(parts, format="csr"))
     return [each[:, abs(each).sum(axis=0) > SMALL] for each in waves], np.concatenate(signs)
 
 
-def _vertices(basis: scipy.sparse.csr_array) -> Integers:
-    """Return the nodes (V,) at which functions with nodal values (N, V) are largest."""
-    entries, at = basis.tocoo(), np.empty(basis.shape[1], dtype=np.int64)
-    own = entries.data > 1.0 - SMALL
-    at[entries.col[own]] = entries.row[own]
-    return at
+def _vertices(mesh: Mesh, space: ElementSpace) -> NDArray[np.integer]:
+    """Return the nodes (V,) at which the functions are largest."""
+    nodes = mesh.nodes.reshape(mesh.elements, -1)[:, space.values.argmax(axis=0)]
+    return nodes.ravel()[np.unique(space.numbers, return_index=True)[1]]
 
 
 def _hats(mesh: Mesh, nodes: NDArray[np.integer], ne: float) -> scipy.sparse.csr_array:
@@ -394,7 +386,9 @@ def _inverse(matrix: scipy.sparse.csr_array, waves: scipy.sparse.csr_array) -> A
     """Return the inverse (m, m) of a symmetric matrix (V, V) in the space of waves (V, m)."""
     few = (waves.T @ matrix @ waves).toarray().astype(np.float32)
     few[np.diag_indices_from(few)] *= 1.0 + RIDGE
-    return np.linalg.inv(few)
+    root, _ = scipy.linalg.lapack.spotrf(few)
+    upper = np.triu(scipy.linalg.lapack.spotri(root)[0])  # half the time of a general inverse
+    return np.asarray(upper + np.triu(upper, 1).T)
 
 
 def _reach(smooth: ElementSpace, gradients: list[Any]) -> scipy.sparse.csr_array:
