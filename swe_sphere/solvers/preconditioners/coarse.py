@@ -254,7 +254,7 @@ SMALL = 1e-6
 """Values of coarse functions up to this count as zero."""
 STEPS = 5
 """Number of Chebyshev steps; with four, fine meshes need more iterations."""
-SPACING, SPACING_OF_MODES = 6, 12
+SPACING, SPACING_OF_MODES = 5, 12
 """Numbers of cells of smooth functions, and of elements with modes, along an element of the mesh of
 long waves."""
 
