@@ -36,7 +36,7 @@ sooner in fluid deeper than its reference than in shallower fluid (docs/results/
 ROUGH = 2e-6
 """Products with S in float32, at half the cost, suffice for relative tolerances above ROUGH times
 the largest diagonal entry of S: their error relative to the factor is at most a twentieth of it."""
-SHORT = 4.0
+SHORT = 3.5
 """Gravity-wave Courant number (root of the largest diagonal entry of S) below which Chebyshev steps
 alone reduce what one cycle leaves by a factor that justifies their cost."""
 INERTIAL = 1.25

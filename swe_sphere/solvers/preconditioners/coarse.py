@@ -246,7 +246,7 @@ def _numbers(spaces: list[ElementSpace]) -> Integers:
     return np.concatenate(numbers, axis=1, dtype=np.int32)
 
 
-NEGLIGIBLE = 0.02
+NEGLIGIBLE = 0.01
 """Size of omitted couplings of computational modes, relative to the diagonal."""
 RIDGE = 1e-4
 """Relative increase of the diagonal of a matrix of long waves, which may depend on one another."""
@@ -273,7 +273,7 @@ class CoarseCorrection:
         self._mass, *masses = [_mass(mesh, space) for space in spaces]
         gradients = [sparse.gradients(mesh, space, np.float32) for space in spaces[1:]]
         self._modes = list(zip(masses, gradients, strict=True))
-        self._longest, self._signs = longest_waves(mesh, spaces)
+        self._longest = longest_waves(mesh, spaces)
         longest = scipy.sparse.block_diag(self._longest, format="csr")
         count, few = longest.shape
         self._part = CoarsePart(operator, spaces, gradients)
@@ -300,7 +300,7 @@ class CoarseCorrection:
         compact = sparse.stiffness(schur.mesh, schur.weight(tau, depth), self._hats)
         smooth = self._mass + tau**2 * schur.gravity * compact
         blocks = [schur.galerkin(mass, gradients, tau, depth) for mass, gradients in self._modes]
-        modes = _without_small(scipy.sparse.block_diag(blocks, format="coo"), self._signs)
+        modes = _without_small(scipy.sparse.block_diag(blocks, format="coo"))
         matrix = scipy.sparse.block_diag([smooth, modes], format="csr", dtype=np.float32)
         del compact, modes  # the memory use of a run peaks here
         inverse = 1.0 / matrix.diagonal()
@@ -335,17 +335,14 @@ class CoarseCorrection:
         self._spread(twice, out)
 
 
-def longest_waves(
-    mesh: Mesh, spaces: list[ElementSpace]
-) -> tuple[list[scipy.sparse.csr_array], Array]:
+def longest_waves(mesh: Mesh, spaces: list[ElementSpace]) -> list[scipy.sparse.csr_array]:
     """Return long waves in the spaces of `coarse_spaces`: coefficients (V, m) of the functions.
 
     They are the values of hats on a coarse mesh at the vertices of the functions. If np is even,
     modes have opposite signs at neighbours in each direction in which they alternate. As these are
-    directions of a face of the cube, each face has its own waves of modes. The second result is the
-    signs of all modes.
+    directions of a face of the cube, each face has its own waves of modes.
     """
-    nodes, signs = _vertices(mesh, spaces[0]), []
+    nodes = _vertices(mesh, spaces[0])
     waves = [_hats(mesh, nodes, np.sqrt((nodes.size - 2) / 6.0) / SPACING)]
     for space in spaces[1:]:
         _, first = np.unique(space.numbers, return_index=True)
@@ -354,12 +351,12 @@ def longest_waves(
         face, *place = np.unravel_index(element, (6, mesh.ne, mesh.ne))
         i, j = np.array(place) + np.array(CORNERS)[corner].T
         distance = i + j if space is spaces[1] else np.where(kind == 0, i, j)
-        signs.append((-1.0) ** ((mesh.np - 1) * distance))
+        signs = (-1.0) ** ((mesh.np - 1) * distance)
         values = _hats(mesh, _vertices(mesh, space), mesh.ne / SPACING_OF_MODES)
-        of_faces = (signs[-1] * (6 * kind + face == k) for k in range(6 * (1 + kind.max())))
+        of_faces = (signs * (6 * kind + face == k) for k in range(6 * (1 + kind.max())))
         parts = [scipy.sparse.diags_array(of_face) @ values for of_face in of_faces]
         waves.append(scipy.sparse.hstack(parts, format="csr"))
-    return [each[:, abs(each).sum(axis=0) > SMALL] for each in waves], np.concatenate(signs)
+    return [each[:, abs(each).sum(axis=0) > SMALL] for each in waves]
 
 
 def _vertices(mesh: Mesh, space: ElementSpace) -> NDArray[np.integer]:
@@ -398,15 +395,9 @@ def _reach(smooth: ElementSpace, gradients: list[Any]) -> scipy.sparse.csr_array
     return scipy.sparse.block_diag([of_elements, *gradients], format="csr")
 
 
-def _without_small(matrix: scipy.sparse.coo_array, signs: Array) -> scipy.sparse.csr_array:
-    """Return the matrix without entries that are NEGLIGIBLE relative to the diagonal.
-
-    The diagonal makes up for them: the result has the same product with a vector of these signs.
-    """
+def _without_small(matrix: scipy.sparse.coo_array) -> scipy.sparse.csr_array:
+    """Return the matrix without entries that are NEGLIGIBLE relative to the diagonal."""
     scale = np.sqrt(matrix.diagonal())
-    small = np.abs(matrix.data) <= NEGLIGIBLE * scale[matrix.row] * scale[matrix.col]
-    omitted, kept = (
-        scipy.sparse.csr_array((matrix.data[of], (matrix.row[of], matrix.col[of])), matrix.shape)
-        for of in (small, ~small)
-    )
-    return kept + scipy.sparse.diags_array(signs * (omitted @ signs))
+    kept = np.abs(matrix.data) > NEGLIGIBLE * scale[matrix.row] * scale[matrix.col]
+    entries = matrix.data[kept], (matrix.row[kept], matrix.col[kept])
+    return scipy.sparse.csr_array(entries, shape=matrix.shape)
