@@ -151,7 +151,7 @@ side: Any = Placeholder(lambda t: t.side, of_elements=True)
 geometry: Any = Placeholder(lambda t: t.geometry, of_elements=True)
 """These three names are the members of `KernelTypes` in kernels."""
 lone: Any = Placeholder(lambda t: int(t.side == 1), of_elements=True)
-"""1 if a thread handles one node, else 0."""
+"""1 if a thread handles one node; else 0, so that columns of an unrolled row are constants."""
 state_vector: Any = Placeholder(lambda t: wp.array(dtype=t.given), of_elements=True)
 """Array type of a state vector."""
 output: Any = Placeholder(

@@ -29,7 +29,10 @@ PATIENCE = 0.2
 
 
 def write_whole(path: Path, contents: str | bytes) -> None:
-    """Write a file, text in UTF-8, and its folder to the disk; RunFailed leaves the old file."""
+    """Write a file, text in UTF-8, and its folder if necessary; both are then on the disk.
+
+    Raises RunFailed if the disk fails; the old file is then still in place.
+    """
     with translate_errors(f"cannot write {path}", RunFailed, MENDING):
         path.parent.mkdir(parents=True, exist_ok=True)
         with suppress(ConfigError):  # another program may write this file, too

@@ -38,7 +38,10 @@ def area_mean(area: Array, values: Array) -> float:
 
 
 def norms(area: Array, numeric: ArrayLike, exact: ArrayLike) -> dict[str, float]:
-    """Return the normalised errors "l1", "l2" and "linf" of scalars (N,) or vectors (2, N)."""
+    """Return the normalised mean, root-mean-square and largest errors "l1", "l2" and "linf".
+
+    numeric, exact: scalars (N,) or vectors (2, N).
+    """
     ours, theirs = (np.asarray(x, dtype=float).reshape(-1, area.size) for x in (numeric, exact))
     error, size = np.linalg.norm(ours - theirs, axis=0), np.linalg.norm(theirs, axis=0)
     return {

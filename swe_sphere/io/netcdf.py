@@ -144,7 +144,10 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
             self._growing.add_sample(self._sample(time, diagnostics))
 
     def checkpoint(self, state_dict: Mapping[str, np.ndarray], steps: int) -> None:
-        """Replace the checkpoint by one of `Simulation.restart_arrays`, after these steps."""
+        """Replace the checkpoint by one from which the run can be resumed bit for bit.
+
+        state_dict: `Simulation.restart_arrays`; steps: those of the run.
+        """
         checkpoint = Checkpoint({**state_dict}, steps, self._attributes)
         with self._writing():
             write_checkpoint(checkpoint_path(self.path), checkpoint)

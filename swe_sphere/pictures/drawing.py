@@ -169,7 +169,8 @@ class Drawing:
         low, high = float(bottom.min()), float(bottom.max())
         round_numbers = MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
         levels = drawable(np.asarray(round_numbers), bottom)
-        if (levels := levels[levels > low + 4e-3 * (high - low)]).size == 0:
+        levels = levels[levels > low + 4e-3 * (high - low)]
+        if levels.size == 0:
             return ""
         for colour, width in (("white", 1.8), ("#5b3a1e", 0.9)):
             axes.contour(

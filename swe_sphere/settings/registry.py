@@ -79,7 +79,10 @@ class Registry(UserDict[str, type[T]]):
         return found
 
     def _loaded(self, path: Path) -> type[T]:
-        """Return the class in a file, the same until the file is edited; its name is not added."""
+        """Return the class in a file, the same one as long as the file has not been edited.
+
+        The class is not registered by name.
+        """
         contents, before, place = file_contents(path, self.kind), self.data, path.resolve()
         if place not in self._files or self._files[place][0] != contents:
             self.data = dict(before)

@@ -179,7 +179,10 @@ def place_and_complaint(error: ValidationError) -> str:
 
 
 def validate(model: type[M], values: Mapping[str, object]) -> M:
-    """Return an instance of the model with these values; ConfigError, one line, names the flag."""
+    """Return an instance of the model with these values, converted and checked.
+
+    Raises ConfigError for an unknown name or an unfit value, in one line that names the flag.
+    """
     try:
         return model.model_validate(dict(values))
     except ValidationError as error:

@@ -198,7 +198,10 @@ def make_mesh(config: RunConfig, scene: Scene, made: Mesh | None = None) -> Mesh
 
 
 def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:
-    """Return all options of a stepper, set or default; ConfigError for an unknown or unfit one."""
+    """Return all options of a stepper: configured values, otherwise defaults.
+
+    Raises ConfigError if the stepper has no such option, or the value does not fit.
+    """
     known = inspect.signature(kind, eval_str=True).parameters
     # a default that depends on the scheme is an attribute of its class
     defaults = {name: getattr(kind, f"default_{name}", p.default) for name, p in known.items()}

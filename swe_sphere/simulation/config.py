@@ -5,7 +5,15 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypedDict
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+)
 
 from swe_sphere.equations.scene import LARGEST_COUNT, LONGEST_DAYS
 from swe_sphere.errors import ConfigError, shown, unknown_name
@@ -22,7 +30,7 @@ def or_auto(kind: Any, words: str) -> BeforeValidator:
             return "auto"
         try:
             return adapter.validate_python(value)
-        except ValueError:
+        except ValidationError:
             raise ValueError(f"must be {words} or 'auto'") from None
 
     return BeforeValidator(read)
@@ -212,7 +220,10 @@ class RunConfig(SharedConfig):
     """Print errors only."""
 
     def settings_of(self, owner: str) -> dict[str, Any]:
-        """Return the values set for an owner, by parameter; ConfigError if a field sets one too."""
+        """Return the values set for an effect, for the scene or for the stepper, by parameter.
+
+        Raises ConfigError for a value that is also set by a separate field, such as `alpha`.
+        """
         values = {each.parameter: each.value for each in self.settings if each.owner == owner}
         for name in (name for name, of in FIELD_OWNERS.items() if of == owner):
             if (value := getattr(self, name)) is not None:

@@ -313,7 +313,10 @@ def _is_taken(name: str) -> bool:
 
 
 def load_diagnostics(path: Path) -> None:
-    """Register the diagnostics in a file; ConfigError without any, or for names of another file."""
+    """Register the diagnostics that a Python file defines.
+
+    Raises ConfigError if the file has none, or one with the name of one of another file.
+    """
     before = dict(DIAGNOSTICS)
     load_file(path, "diagnostic")
     if before == DIAGNOSTICS:

@@ -135,7 +135,10 @@ LENGTHS = "step_lengths"
 
 
 class Restart:
-    """The checkpoint at a path, or beside that file; ConfigError if it is missing or damaged."""
+    """The checkpoint that a run resumes from; ConfigError if it is missing or damaged.
+
+    path: path of the checkpoint, or of the file of frames beside it.
+    """
 
     def __init__(self, path: Path) -> None:
         from swe_sphere.io.checkpoint import read_checkpoint  # scipy.io is slow to import
@@ -147,7 +150,8 @@ class Restart:
     def table(self, name: str = "configuration") -> dict[str, Any]:
         """Return a table among the attributes; ConfigError if there is none."""
         with suppress(KeyError, ValueError, RecursionError):
-            if isinstance(values := json.loads(str(self.attributes[name])), dict):
+            values = json.loads(str(self.attributes[name]))
+            if isinstance(values, dict):
                 return values
         raise ConfigError(f"{self.path} does not state its {name}: it cannot be restarted")
 

@@ -660,7 +660,8 @@ class Simulation(errors.NotCopyable):
         if outcome.is_sound:
             numbers |= self.diagnostics
         if outcome.completed:
-            shipped = None if self.initial else build.shipped_solution(self.scene, self.time / DAY)
+            own = self.initial is not None
+            shipped = None if own else build.shipped_solution(self.scene, self.time / DAY)
             reference = self.reference or _read_reference(shipped)
             if reference is not None and reference.is_at(self.time):
                 numbers |= diagnostics.reference_errors(reference, self.snapshot)
@@ -727,7 +728,10 @@ class Simulation(errors.NotCopyable):
 
     @property
     def frames(self) -> xr.Dataset:
-        """Frames of the last run, kept by `run(keep=True)` or in its file; ConfigError if none."""
+        """Frames of the last run, as `run(keep=True)` kept them, or else from its file.
+
+        Raises ConfigError where the last run has neither.
+        """
         import xarray as xr
 
         from swe_sphere.analysis.accessor import open_run
@@ -784,7 +788,10 @@ class Simulation(errors.NotCopyable):
         return path
 
     def restart_arrays(self) -> Mapping[str, NDArray[np.generic]]:
-        """Return arrays and counters of an exact restart; Unstable if one is not finite."""
+        """Return the arrays of an exact restart, with the counters, which are carried along.
+
+        Raises Unstable if an array of the stepper is not finite: a restart would refuse it.
+        """
         arrays = self.stepper.state_dict()
         for name, array in arrays.items():
             if not np.isfinite(array).all():

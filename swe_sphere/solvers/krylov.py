@@ -124,8 +124,8 @@ class KrylovSolver(ABC):
         either. Converged means |rhs - A x| <= rtol |rhs| [norm of the space]; a tolerance below the
         accuracy of the arithmetic, 0 included, is met by a residual of round-off size, and the
         result then sets `roundoff`. scale: |rhs| if it is known; guess: False if x contains no
-        guess and stands for 0; finish: a cheaper preconditioner than precondition. x never receives
-        a value that is not finite.
+        guess and stands for 0; finish: a cheaper preconditioner, with which conjugate gradients end
+        if one iteration just misses the tolerance. x never receives a value that is not finite.
         """
         scale = self.space.norm(rhs) if scale is None else scale
         p = LinearResult(

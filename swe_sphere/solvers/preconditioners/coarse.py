@@ -251,7 +251,7 @@ NEGLIGIBLE = 0.01
 RIDGE = 1e-4
 """Relative increase of the diagonal of a matrix of long waves, which may depend on one another."""
 SMALL = 1e-6
-"""Values of coarse functions up to this count as zero."""
+"""Sum of the coefficients of a wave up to which it counts as zero."""
 STEPS = 5
 """Number of Chebyshev steps; with four, fine meshes need more iterations."""
 SPACING, SPACING_OF_MODES = 5, 12
@@ -313,11 +313,11 @@ class CoarseCorrection:
 
     def correct(self, b: Field, x: Field, add: bool = True) -> None:
         """Add the correction for the residual b to x, or set x to it."""
-        now, new, matrix = self._x, self._new, self._matrix
+        now, new = self._x, self._new
         self._part.restrict(b, self._b)
         self._solve_longest(now)
         for number, size in enumerate(self._sizes, 1):
-            matrix.chebyshev_step(size, self._per_diagonal, self._b, now, new)
+            self._matrix.chebyshev_step(size, self._per_diagonal, self._b, now, new)
             if number < len(self._sizes):
                 self._operator.mesh.exchange(new)
             now, new = new, now
@@ -368,15 +368,13 @@ def _vertices(mesh: Mesh, space: ElementSpace) -> NDArray[np.integer]:
 def _hats(mesh: Mesh, nodes: NDArray[np.integer], ne: float) -> scipy.sparse.csr_array:
     """Return values (V, m) at nodes of bilinear hats on a mesh with about `ne` elements."""
     ne = max(2, round(ne))
-    vertices = Mesh.build(ne, 3).nodes[:, ::2, ::2].reshape(-1, 4)
+    vertices = _numbered(Mesh.build(ne, 3), np.array([0, 2]))
     points = mesh.placement.lift(position(mesh.lon[nodes], mesh.lat[nodes]))
     element, *places = cubed_sphere.locate(points, ne)
     first, second = (0.5 + 0.5 * np.stack([-xi, xi], axis=-1) for xi in places)
     values = (first[:, :, None] * second[:, None, :]).ravel()
-    starts = 4 * np.arange(nodes.size + 1)
-    numbers = np.unique(vertices, return_inverse=True)[1].reshape(-1, 4)
-    entries = values, numbers[element].ravel(), starts
-    return scipy.sparse.csr_array(entries, shape=(nodes.size, numbers.max() + 1))
+    entries = values, vertices[element].ravel(), 4 * np.arange(nodes.size + 1)
+    return scipy.sparse.csr_array(entries, shape=(nodes.size, vertices.max() + 1))
 
 
 def _inverse(matrix: scipy.sparse.csr_array, waves: scipy.sparse.csr_array) -> Array:

@@ -72,13 +72,13 @@ class Multilevel:
     def solve(self, b: Field, x: Field) -> None:
         """Set x to about S^-1 b."""
         for cycle in range(self._cycles):
-            if cycle == 0 and not self._smooths_first:
-                self._coarse.correct(b, x, add=False)
-                continue
-            if cycle == 0:
+            if cycle > 0:
+                self._smooth(self._between, b, x)
+            elif self._smooths_first:
                 self.smooth(b, x)
             else:
-                self._smooth(self._between, b, x)
+                self._coarse.correct(b, x, add=False)
+                continue
             self.operator.residual(b, x, self._rest)
             self._coarse.correct(self._rest, x)
         self._smooth(self._last, b, x)

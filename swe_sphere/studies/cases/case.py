@@ -250,7 +250,7 @@ def groups(folder: str) -> Mapping[str, Group]:
 
 
 def read_group(path: Path, defaults: Mapping[str, Any] | None = None) -> Group:
-    """Return the group in a file: tables [[case]], merged with [shared]; ConfigError for others."""
+    """Return the group in a file: each table [[case]] with [shared]; ConfigError if unreadable."""
     whole = read_toml(path)
     shared, tables = merged(defaults or {}, whole.pop("shared", {})), whole.pop("case", None)
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):

@@ -50,7 +50,7 @@ class Measure(Record):
 
 
 def measure(case: Case, tick: Tick | None = None) -> Measure:
-    """Run a case and measure it; tick: called with the progress. Raises Interrupted on request."""
+    """Run a case and measure it; tick: called with the progress. Interrupted if asked to stop."""
     began = time.perf_counter()
     ended = attempt(lambda: METHODS[case.method](case, case.configured(), tick))
     return Measure(

@@ -156,7 +156,10 @@ def perturbed(
 
 
 def warm_up(spec: RunSpec) -> float:
-    """Take steps to compile and fill caches; return these seconds. Errors recur in the run."""
+    """Take some steps to compile kernels and fill caches; return the seconds of compiling.
+
+    Errors here recur in the run, which reports them.
+    """
     with suppress(SweError, *UNEXPECTED), np.errstate(all="ignore"):
         sim = _begun(spec)
         for _ in range(WARM_STEPS):

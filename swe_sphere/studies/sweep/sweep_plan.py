@@ -139,7 +139,10 @@ class SweepPlan(SharedConfig):
 
 
 def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> SweepPlan:
-    """Return the checked plan; `scene` replaces the named one. ConfigError for unfit values."""
+    """Return the plan of these values, checked as far as possible without computing.
+
+    scene: one that replaces the named one. Raises ConfigError for an unknown name or unfit value.
+    """
     plan = validate(SweepPlan, values)
     _check_options(plan)
     made = make_scene(plan.run_config(), scene)
