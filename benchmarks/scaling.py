@@ -28,7 +28,7 @@ from sections import PAGES, Section, measure
 from swe_sphere import Simulation
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import chunking
-from swe_sphere.solvers.preconditioners.coarse import SPACING, SPACING_OF_MODES
+from swe_sphere.solvers.preconditioners.coarse import FINEST
 
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
@@ -206,8 +206,6 @@ def measured() -> Section:
 def model() -> Section:
     """Time of a step on many ranks, by the model."""
     steps = {name: step(name) for name in STEPPERS}
-    smooth, modes = (6 * round(LARGE / cells) ** 2 for cells in (SPACING, SPACING_OF_MODES))
-    dense = 4.0 * (smooth**2 + modes**2 + (2 * modes) ** 2)
     picture(PAGES / "scaling.svg", steps, LARGE, SUPPOSED, rim())
     rows = []
     for name, of in steps.items():
@@ -232,8 +230,8 @@ def model() -> Section:
         "present program every rank receives the sums of a few large branches from every other "
         "rank and solves for the longest waves, which ends the gain of implicit steps early. "
         "The number of partitions in the last rows is the largest number of ranks. The model "
-        f"omits the dense inverses for the longest waves, {dense / 2**30:.0f} GiB at ne {LARGE}, "
-        "where a further level would be needed. The last columns show the model with trees of "
+        f"omits that the waves solved for exactly have a mesh of at most ne {FINEST}, so that ne "
+        f"{LARGE} would need a further level. The last columns show the model with trees of "
         "sums and a fully distributed coarse level that is visited twice." + disturbed(),
         ["stepper", "ranks", "elements a rank", "as it is [s a step]", "in trees [s a step]",
          "efficiency in trees"],

@@ -250,6 +250,8 @@ NEGLIGIBLE = 0.01
 """Size of omitted couplings of computational modes, relative to the diagonal."""
 RIDGE = 1e-4
 """Relative increase of the diagonal of a matrix of long waves, which may depend on one another."""
+INVISIBLE = 1e-6
+"""Size of omitted entries of an inverse, relative to the diagonal."""
 SMALL = 1e-6
 """Sum of the coefficients of a wave up to which it counts as zero."""
 STEPS = 5
@@ -257,6 +259,8 @@ STEPS = 5
 SPACING, SPACING_OF_MODES = 5, 12
 """Numbers of cells of smooth functions, and of elements with modes, along an element of the mesh of
 long waves."""
+FINEST = 20
+"""Largest ne of the mesh of long waves, whose full matrices have size 6 ne^2 + 2."""
 
 
 class CoarseCorrection:
@@ -299,15 +303,15 @@ class CoarseCorrection:
         schur = self._operator.matrix
         compact = sparse.stiffness(schur.mesh, schur.weight(tau, depth), self._hats)
         smooth = self._mass + tau**2 * schur.gravity * compact
-        blocks = [schur.galerkin(mass, gradients, tau, depth) for mass, gradients in self._modes]
-        modes = _without_small(scipy.sparse.block_diag(blocks, format="coo"))
-        matrix = scipy.sparse.block_diag([smooth, modes], format="csr", dtype=np.float32)
-        del compact, modes  # the memory use of a run peaks here
+        modes = [schur.galerkin(mass, gradients, tau, depth) for mass, gradients in self._modes]
+        exact = map(_inverse, (smooth, *modes), self._longest)
+        self._exact = TallMatrix(self._operator.mesh, scipy.sparse.block_diag([*exact], "csr"))
+        for each in modes:
+            _omit_small(each)
+        matrix = scipy.sparse.block_diag([smooth, *modes], format="csr", dtype=np.float32)
         inverse = 1.0 / matrix.diagonal()
         largest = spectral_bound(lambda x: inverse * (matrix @ x), inverse.size)
         self._sizes = chebyshev_steps(STEPS, largest)
-        exact = map(_inverse, (smooth, *blocks), self._longest)
-        self._exact = TallMatrix(self._operator.mesh, scipy.sparse.block_diag([*exact], "csr"))
         self._matrix = SlicedMatrix(self._operator.mesh, self._part.square(matrix))
         self._operator.mesh.write(inverse[self._part.functions], self._per_diagonal.flat)
 
@@ -367,7 +371,7 @@ def _vertices(mesh: Mesh, space: ElementSpace) -> NDArray[np.integer]:
 
 def _hats(mesh: Mesh, nodes: NDArray[np.integer], ne: float) -> scipy.sparse.csr_array:
     """Return values (V, m) at nodes of bilinear hats on a mesh with about `ne` elements."""
-    ne = max(2, round(ne))
+    ne = min(max(2, round(ne)), FINEST)
     vertices = _numbered(Mesh.build(ne, 3), np.array([0, 2]))
     points = mesh.placement.lift(position(mesh.lon[nodes], mesh.lat[nodes]))
     element, *places = cubed_sphere.locate(points, ne)
@@ -377,13 +381,24 @@ def _hats(mesh: Mesh, nodes: NDArray[np.integer], ne: float) -> scipy.sparse.csr
     return scipy.sparse.csr_array(entries, shape=(nodes.size, vertices.max() + 1))
 
 
-def _inverse(matrix: scipy.sparse.csr_array, waves: scipy.sparse.csr_array) -> Array:
-    """Return the inverse (m, m) of a symmetric matrix (V, V) in the space of waves (V, m)."""
-    few = (waves.T @ matrix @ waves).toarray().astype(np.float32)
-    few[np.diag_indices_from(few)] *= 1.0 + RIDGE
-    root, _ = scipy.linalg.lapack.spotrf(few)
-    upper = np.triu(scipy.linalg.lapack.spotri(root)[0])  # half the time of a general inverse
-    return np.asarray(upper + np.triu(upper, 1).T)
+def _inverse(
+    matrix: scipy.sparse.csr_array, waves: scipy.sparse.csr_array
+) -> scipy.sparse.csr_array:
+    """Return the inverse (m, m) of a symmetric matrix (V, V) in the space of waves (V, m).
+
+    Of short steps it falls off within a few functions. In float32, most of the rest would be so
+    small that processors are many times slower.
+    """
+    few = (waves.T @ matrix @ waves).toarray(order="F")
+    diagonal = np.diag_indices_from(few)
+    few[diagonal] *= 1.0 + RIDGE
+    root, _ = scipy.linalg.lapack.dpotrf(few, overwrite_a=True)
+    few, _ = scipy.linalg.lapack.dpotri(root, overwrite_c=True)  # the upper triangle
+    scale = np.sqrt(few[diagonal])
+    few[np.abs(few) < INVISIBLE * scale * scale[:, None]] = 0.0
+    few[diagonal] *= 0.5
+    half = scipy.sparse.csr_array(few, dtype=np.float32)
+    return half + half.T
 
 
 def _reach(smooth: ElementSpace, gradients: list[Any]) -> scipy.sparse.csr_array:
@@ -393,9 +408,9 @@ def _reach(smooth: ElementSpace, gradients: list[Any]) -> scipy.sparse.csr_array
     return scipy.sparse.block_diag([of_elements, *gradients], format="csr")
 
 
-def _without_small(matrix: scipy.sparse.coo_array) -> scipy.sparse.csr_array:
-    """Return the matrix without entries that are NEGLIGIBLE relative to the diagonal."""
+def _omit_small(matrix: scipy.sparse.csr_array) -> None:
+    """Remove the entries of a matrix that are NEGLIGIBLE relative to the diagonal."""
     scale = np.sqrt(matrix.diagonal())
-    kept = np.abs(matrix.data) > NEGLIGIBLE * scale[matrix.row] * scale[matrix.col]
-    entries = matrix.data[kept], (matrix.row[kept], matrix.col[kept])
-    return scipy.sparse.csr_array(entries, shape=matrix.shape)
+    least = NEGLIGIBLE * np.repeat(scale, np.diff(matrix.indptr)) * scale[matrix.indices]
+    matrix.data[np.abs(matrix.data) <= least] = 0.0
+    matrix.eliminate_zeros()
