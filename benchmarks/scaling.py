@@ -111,9 +111,8 @@ def traffic(ne: int, ranks: int) -> Traffic:
 
 @cache
 def rim() -> float:
-    """Return the element nodes that one of 32 ranks sends, over the square root of its elements."""
-    ranks = 32
-    return traffic(NE, ranks).on_the_rim / ranks / (6 * NE**2 / ranks) ** 0.5
+    """Return the element nodes that one of two ranks sends, over the sides on its boundary."""
+    return traffic(NE, 2).on_the_rim / 2 / (4 * NE)
 
 
 def step(name: str) -> Step:
@@ -221,10 +220,10 @@ def model() -> Section:
         f"Many ranks on ne {LARGE}: a model",
         "Not measured. The time of a step is the sum of four parts: the time on a tiny mesh, "
         "which is that of Python and does not fall with more ranks; the number of elements "
-        f"times the time of one more element; for each exchange the latency of {NEIGHBOURS} "
-        f"messages and the bytes on the boundary of a compact partition, {rim():.0f} √n element "
-        f"nodes for n elements (counted on ne {NE}, 32 ranks); and for each sum the latency "
-        f"along a tree. The assumptions are {1e6 * SUPPOSED.latency:.0f} µs and "
+        "times the time of one more element; for each exchange the latency of two messages "
+        f"(of {NEIGHBOURS} for less than a ring of elements) and the bytes on the boundary of a "
+        f"belt, {rim():.1f} element nodes a side (counted on ne {NE}, two ranks); and for each "
+        f"sum the latency along a tree. The assumptions are {1e6 * SUPPOSED.latency:.0f} µs and "
         f"{SUPPOSED.bandwidth / 1e9:.0f} GB/s a rank, the memory bandwidth of one core here for "
         "each core, steps proportional to 1/ne, and as many iterations as on ne 30. In the "
         "present program every rank receives the sums of a few large branches from every other "

@@ -13,7 +13,8 @@ from swe_sphere.mesh.partition import chunking
 
 NODES = 4
 """Number of nodes along the edge of an element, np."""
-NEIGHBOURS = 8
+NEIGHBOURS = 6
+"""Largest number of neighbours of a rank with less than a ring; one with more has two."""
 
 
 @dataclass(frozen=True)
@@ -58,10 +59,10 @@ def as_it_is(
 ) -> np.ndarray:
     """Return the time of a step [s] of the present program: each rank solves for the longest waves.
 
-    rim: boundary element nodes of a partition of n elements, over sqrt(n).
+    rim: element nodes sent for each side of an element on the boundary of a partition.
     """
     size = elements / step.elements
-    wide = (np.sqrt(elements / ranks) + 1.0) ** 2 / elements  # with functions on its rim
+    wide = 1.0 / ranks + 0.5 * _sides(elements, ranks) / elements  # with functions on its rim
     sweeps = size * step.coarse_seconds * np.where(ranks > 1, np.minimum(wide, 1.0), 1.0)
     hops = np.ceil(np.log2(ranks))
     everywhere = step.sums * (hops * net.latency + 0.5 * ranks * step.sum_bytes / net.bandwidth)
@@ -81,9 +82,25 @@ def in_trees(
     size, ne = elements / step.elements, np.sqrt(elements / 6.0)
     hops = 2.0 * np.ceil(np.log2(ranks))
     levels = 2.0 * np.ceil(np.log2(ne))
-    messages = step.sums * hops + step.coarse * levels * np.minimum(ranks - 1, NEIGHBOURS)
+    messages = step.sums * hops + step.coarse * levels * _neighbours(elements, ranks)
     dealt_out = size * (step.coarse_seconds + step.longest_seconds) / ranks
     return _shared(step, elements, ranks, net, rim) + dealt_out + messages * net.latency
+
+
+def _ring(elements: float) -> float:
+    """Return the largest number of elements in a ring."""
+    return float(4.0 * np.sqrt(elements / 6.0))
+
+
+def _sides(elements: float, ranks: np.ndarray) -> np.ndarray:
+    """Return the sides of elements on the boundary of a belt of rings, or of a piece of a ring."""
+    return np.minimum(2.0 * _ring(elements), 2.0 * elements / ranks + 2.0)
+
+
+def _neighbours(elements: float, ranks: np.ndarray) -> np.ndarray:
+    """Return the number of ranks that a rank exchanges messages with."""
+    most = np.where(elements / ranks < _ring(elements), NEIGHBOURS, 2)
+    return np.minimum(ranks - 1, most)
 
 
 def _shared(step: Step, elements: float, ranks: np.ndarray, net: Network, rim: float) -> np.ndarray:
@@ -91,8 +108,8 @@ def _shared(step: Step, elements: float, ranks: np.ndarray, net: Network, rim: f
     mine = elements / ranks
     apart = step.fixed + step.coarse_seconds + step.longest_seconds
     work = mine * (step.seconds - apart) / step.elements
-    messages = np.minimum(ranks - 1, NEIGHBOURS) * net.latency
-    halo = step.exchanges * (messages + rim * np.sqrt(mine) * step.width / net.bandwidth)
+    sent = rim * _sides(elements, ranks) * step.width
+    halo = step.exchanges * (_neighbours(elements, ranks) * net.latency + sent / net.bandwidth)
     return step.fixed + work + np.where(ranks > 1, halo, 0.0)
 
 

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +23,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.simd.memory import MOST_RUNS
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cubed_sphere import BLOCK
-from swe_sphere.mesh.partition import Partition, curve, single_part
+from swe_sphere.mesh.partition import Partition, rings, single_part
 from swe_sphere.operators import DeviceMesh, Launcher
 from swe_sphere.operators.device_mesh import LEAST_AWAY
 from swe_sphere.ranks.communicator import (
@@ -57,12 +56,17 @@ def parts(mesh):
     return parts_of(mesh, 5)
 
 
-def test_the_curve_goes_from_neighbour_to_neighbour(mesh):
-    order = curve(mesh.ne)
+@pytest.mark.parametrize("ne", [1, 3, 4, 5, 6])
+def test_rings_touch_only_their_neighbours(ne):
+    """Rings have the latitude of their belt, or are squares about a pole."""
+    mesh, order = Mesh.build(ne, 3), rings(ne)
     assert sorted(order) == list(range(mesh.elements))
-    nodes = [set(mesh.nodes[e].ravel()) for e in order]
-    assert all(len(one & other) == mesh.np for one, other in pairwise(nodes))
-    assert all(sorted(curve(ne)) == list(range(6 * ne**2)) for ne in (1, 3, 5, 6))
+    sizes = [4 * (side - 1) or 1 for side in range(2 - ne % 2, ne + 1, 2)]
+    sizes = [*sizes, *[4 * ne] * ne, *sizes[::-1]]
+    nodes = [set(mesh.nodes[e].ravel()) for e in np.split(order, np.cumsum(sizes)[:-1])]
+    for k, one in enumerate(nodes):
+        touched = [j for j, other in enumerate(nodes) if one & other]
+        assert touched == [j for j in (k - 1, k, k + 1) if 0 <= j < len(nodes)]
 
 
 class OneOfFive(Communicator):

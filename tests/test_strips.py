@@ -11,6 +11,7 @@ from swe_sphere import Mesh, Simulation
 from swe_sphere.equations.effects import EdgePenalty, Hyperviscosity, Tracers
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh import partition
+from swe_sphere.mesh.partition import Partition, single_part
 from swe_sphere.operators import replay, strips
 from swe_sphere.solvers.preconditioners.multilevel import schur_operator
 from swe_sphere.steppers.stepper import STEPPERS
@@ -31,7 +32,7 @@ def waves(monkeypatch):
     """The waves that are launched, with the number of their launches."""
     seen, call = [], strips.StripLaunches.__call__
     monkeypatch.setattr(
-        strips.StripLaunches, "__call__", lambda of: (seen.append(len(of._rows)), call(of))[1]
+        strips.StripLaunches, "__call__", lambda of, n: (seen.append(len(of._rows)), call(of, n))[1]
     )
     return seen
 
@@ -160,19 +161,34 @@ def test_launches_that_are_not_cut_stay_in_their_place(monkeypatch, waves):
         np.testing.assert_array_equal(values, found[0])
 
 
-def test_reach_covers_all_nodes_of_a_strip(monkeypatch):
-    """No strip reads a node that is complete only `reach` strips later, or more."""
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+@pytest.mark.parametrize("ne", [1, 4, 7, 12])
+def test_reach_covers_all_nodes_of_a_strip(monkeypatch, ne, ranks):
+    """No strip reads a node that is complete only `reach` strips later, or more.
+
+    The rim, if there is one, is the strip that follows the others.
+    """
     monkeypatch.setattr(partition, "RINGED", 0)
-    for ne in (1, 4, 7):
-        mesh = Model(Mesh.build(ne, 4), get_scene("williamson5")).device_mesh
-        cuts, nodes = mesh.strips.groups, mesh.part.nodes
-        done = np.empty(mesh.size, int)
-        for begin, end, starts in mesh.strips.spans:
-            done[begin:end] = np.searchsorted(starts, np.arange(begin, end), "right") - 1
-        group = np.arange(mesh.elements) // mesh.lanes
-        strip = np.searchsorted(cuts.starts, group, "right") - 1
-        ahead = strip[:, None, None] - done[nodes]
-        assert ahead.min() >= 0 and ahead.max() == cuts.reach
+    mesh, lanes = Mesh.build(ne, 4), 8
+    parts = [single_part(mesh, "element")]
+    if ranks > 1:
+        parts = [Partition(mesh, ranks).part(rank) for rank in range(ranks)]
+    for part in parts:
+        away = part.interior_elements
+        if away == 0:
+            continue
+        cut = strips.Strips(part, -(-away // lanes), lanes)
+        done = np.full(part.node_numbers.size, -1)
+        for begin, end, starts, on_rim in cut.spans:
+            assert on_rim == (starts is None)
+            if not on_rim:
+                done[begin:end] = np.searchsorted(starts, np.arange(begin, end), "right") - 1
+        group = np.arange(part.element_numbers.size) // lanes
+        strip = np.searchsorted(cut.groups.starts, group, "right") - 1
+        strip[away:] = -1
+        ahead = strip[:, None, None] - done[part.nodes]
+        assert ahead[:away].min() >= 0
+        assert max(ahead.max(), -ahead.min()) == cut.groups.reach
 
 
 def test_checkpoints_do_not_depend_on_the_order(monkeypatch, tmp_path):

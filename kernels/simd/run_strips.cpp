@@ -1,8 +1,7 @@
 // Body of run_strips in strips.py.
 typedef void (*entry)(void*, void*);
 const long launches = table.shape[0], width = table.shape[1];
-const long lag = table.data[(launches - 1) * width + 8];
-for (long strip = strips - 1; strip >= -lag; --strip)
+for (long strip = first; strip >= last; --strip)
     for (const auto* t = table.data; t < table.data + launches * width; t += width) {
         const long r = strip + long(t[8]);
         if (r < 0 || r >= strips) continue;

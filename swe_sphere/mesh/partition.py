@@ -1,4 +1,4 @@
-"""Partition of a mesh between ranks along a space-filling curve; nested dissection of its nodes."""
+"""Partition of a mesh between ranks in belts of rings; nested dissection of its nodes."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -10,26 +10,6 @@ from swe_sphere.arrays import Integers, inverse_permutation
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh.cubed_sphere import BLOCK, FACES
 from swe_sphere.mesh.mesh import Mesh
-
-PATH = ((0, 0), (1, 0), (2, 0), (5, 1), (3, 5), (4, 0))
-"""Faces in the order of the curve, each with an orientation: 1 swaps the coordinates, 2 and 4 then
-reverse the first and the second.  The curve enters each face where it left the previous face."""
-
-
-def curve(ne: int) -> Integers:
-    """Return the numbers (E,) of the elements in their order along a Hilbert curve.
-
-    If ne is not a power of two, the curve of the next larger power is used with gaps: some of its
-    steps are then longer than one element.
-    """
-    first, second = np.indices((ne, ne)).reshape(2, -1)
-    side = 1 << (ne - 1).bit_length()
-    pieces = []
-    for face, turn in PATH:
-        x, y = (second, first) if turn & 1 else (first, second)
-        x, y = (ne - 1 - x if turn & 2 else x), (ne - 1 - y if turn & 4 else y)
-        pieces.append(face * ne**2 + np.argsort(_hilbert(x * side // ne, y * side // ne, side)))
-    return np.concatenate(pieces)
 
 
 def rings(ne: int) -> Integers:
@@ -47,24 +27,6 @@ def rings(ne: int) -> Integers:
     return np.lexsort((np.arctan2(y, x), ring))
 
 
-def _hilbert(x: Integers, y: Integers, side: int) -> Integers:
-    """Return the positions of cells x, y of a square along a Hilbert curve; side is a power of two.
-
-    The curve runs from one end of the first coordinate to the other.
-    """
-    along = np.zeros_like(x)
-    half = side // 2
-    while half:
-        right, up = (x & half) > 0, (y & half) > 0
-        along += half**2 * ((3 * right) ^ up)
-        x, y = x & (half - 1), y & (half - 1)
-        turned = right & ~up
-        x, y = np.where(turned, half - 1 - x, x), np.where(turned, half - 1 - y, y)
-        x, y = np.where(up, x, y), np.where(up, y, x)
-        half //= 2
-    return along
-
-
 CHUNKS = 512
 """Largest number of chunks of a mesh below ne 74; ranks own chunks and sum them one by one."""
 LARGEST_CHUNK = 4 * BLOCK
@@ -80,9 +42,11 @@ class MeshPart:
     """
 
     element_numbers: Integers
-    """(e,) numbers in the mesh, chunk by chunk: full chunks away from the rim, then the others."""
+    """(e,) numbers in the mesh, chunk by chunk: full chunks away from the rim, the nearest ones
+    first, then the others."""
     interior_elements: int
-    """Number of elements in full chunks that share no node with other ranks; without MPI of all."""
+    """Number of elements in full chunks that share no node with other ranks, in whole blocks of
+    BLOCK elements; without MPI of all."""
     node_numbers: Integers
     """(n,) numbers in the mesh: nodes inside elements, on edges, at vertices, each in the order of
     the elements, nodes of other ranks last; on large meshes in blocks of BLOCK elements."""
@@ -102,7 +66,8 @@ class MeshPart:
     others; without MPI all nodes. 0 in parts that fit into the caches."""
     spans: Integers
     """(3, chunks, 2) begin and end of the nodes that each chunk owns inside elements, on edges
-    and at vertices; chunks along the curve. Without MPI a span of all nodes, none if `is_mesh`."""
+    and at vertices; chunks in the order of the rings. Without MPI a span of all nodes, none if
+    `is_mesh`."""
 
     is_mesh: bool = False
     """True if the part is the whole mesh in the order of the mesh."""
@@ -142,7 +107,7 @@ def single_part(mesh: Mesh, shape: str) -> MeshPart:
     shape: launch shape of the kernels; with one thread per node the order is that of the mesh.
     """
     if shape == "element" and mesh.nodes.size >= RINGED:
-        part = Partition(mesh, 1, rings(mesh.ne)).part(0)
+        part = Partition(mesh, 1, chunked=False).part(0)
         nodes, whole = np.bincount(np.minimum(part.counts, 3))[1:], np.array([[[0, mesh.size]]])
         return replace(part, interior_elements=mesh.elements, interior_nodes=nodes, spans=whole)
     return MeshPart(
@@ -153,50 +118,70 @@ def single_part(mesh: Mesh, shape: str) -> MeshPart:
 
 
 class Partition:
-    """Assigns the elements and nodes of a mesh to `size` ranks, chunk by chunk along the curve.
+    """Assigns the elements and nodes of a mesh to `size` ranks, chunk by chunk along its rings.
 
-    order: (E,) numbers of the elements in an order other than the curve's, for one rank. A chunk
-    owns the nodes that no earlier chunk touches.
+    A rank has a belt of rings, so that all its elements on the rim are at one or both ends. A chunk
+    owns the nodes that no earlier chunk touches. chunked: False for a whole mesh without chunks.
     """
 
-    def __init__(self, mesh: Mesh, size: int, order: Integers | None = None) -> None:
+    def __init__(self, mesh: Mesh, size: int, chunked: bool = True) -> None:
         """Find the rank of every element; raise ConfigError if chunks are fewer than ranks."""
         check_ranks(mesh.ne, size)
-        chunks, per_chunk = chunking(mesh.ne)
+        chunks, per_chunk = chunking(mesh.ne) if chunked else (1, mesh.elements)
         self._mesh, self._points = mesh, mesh.np**2
-        self._order = curve(mesh.ne) if order is None else order
+        self._order = rings(mesh.ne)
         along = inverse_permutation(self._order)
         self._bounds = np.arange(size + 1) * chunks // size
         """(size + 1,) first chunk of each rank."""
         self._rank_of_chunk = np.repeat(np.arange(size), np.diff(self._bounds))
-        chunk = along // per_chunk
+        short = chunks // 2  # between two ranks, if their number is even
+        sizes = np.full(chunks, per_chunk)
+        sizes[short] -= chunks * per_chunk - mesh.elements
+        chunk = np.repeat(np.arange(chunks), sizes)[along]
+        within = along - (np.cumsum(sizes) - sizes)[chunk]
         self._rank = self._rank_of_chunk[chunk]
         """(E,) rank of each element."""
         offsets = mesh.gather_offsets[:-1]
         element, point = np.divmod(mesh.gather_entries.astype(np.int64), self._points)
         first = np.minimum.reduceat(along[element] * self._points + point, offsets)
         first_element, first_point = np.divmod(first, self._points)
-        self._owner = chunk[self._order[first_element]]
+        first_element = self._order[first_element]
+        self._owner = chunk[first_element]
         """(N,) chunk of each node."""
         self._counts = np.diff(mesh.gather_offsets)
         self._kind = np.minimum(self._counts, 3) - 1
         """(N,) 0 inside an element, 1 on an edge, 2 at a vertex."""
-        in_blocks = order is not None or per_chunk % BLOCK == 0
-        block, lane = np.divmod(first_element, BLOCK if in_blocks else 1)
-        self._place = inverse_permutation(np.lexsort((lane, first_point, block, self._kind)))
-        """(N,) place of each node in an order like that of the mesh, but along the curve."""
+        in_blocks = not chunked or per_chunk % BLOCK == 0
+        block, lane = np.divmod(within[first_element], BLOCK if in_blocks else 1)
         ranks = self._rank[element]
         lowest, highest = (f.reduceat(ranks, offsets) for f in (np.minimum, np.maximum))
         on_rim = (lowest != highest)[mesh.nodes].any(axis=(1, 2))
-        self._late = np.zeros(chunks, dtype=int)
-        """(chunks,) 1 for chunks that come last on their rank: on the rim, or not full."""
-        self._late[chunk[on_rim]] = 1
-        self._late[mesh.elements // per_chunk :] = 1
-        self._lateness = self._late[chunk]
+        self._late = sizes < per_chunk * chunked
+        """(chunks,) True for chunks that come last on their rank: on the rim, or not full."""
+        self._late[chunk[on_rim]] = True
+        position = inverse_permutation(self._chunk_order(sizes))
+        self._place = inverse_permutation(
+            np.lexsort((lane, first_point, block, position[self._owner], self._kind))
+        )
+        """(N,) place of each node in an order like that of the mesh, but chunk by chunk."""
+        self._chunk = chunk
+        self._order = np.lexsort((within, position[chunk]))
+        """(E,) elements rank by rank, in the order of their numbers there."""
+
+    def _chunk_order(self, sizes: Integers) -> Integers:
+        """Return the chunks rank by rank: those away from the rim by their distance, then others.
+
+        Other chunks that are not full are the last ones.
+        """
+        chunks = np.arange(sizes.size)
+        begin, end = (self._bounds[self._rank_of_chunk + k] for k in (0, 1))
+        below = np.where(begin == 0, sizes.size, chunks - begin)
+        above = np.where(end == sizes.size, sizes.size, end - 1 - chunks)
+        distance = np.where(self._late, 0, np.minimum(below, above))
+        return np.lexsort((distance, -sizes, self._late, self._rank_of_chunk))
 
     def part(self, rank: int) -> MeshPart:
         elements = self._order[self._rank[self._order] == rank]
-        elements = elements[np.argsort(self._lateness[elements], kind="stable")]
         nodes, inverse = np.unique(self._mesh.nodes[elements], return_inverse=True)
         chunk = self._owner[nodes]
         turn = np.where(self._rank_of_chunk[chunk] == rank, self._late[chunk], 2)
@@ -205,7 +190,7 @@ class Partition:
         inside = np.bincount(self._kind[nodes[(turn == 0) & large]], minlength=3)
         nodes, node_of = nodes[order], inverse_permutation(order)[inverse]
         contributors, sends, receives = self._messages(rank, elements, nodes)
-        away = int(np.sum(self._lateness[elements] == 0))
+        away = int(np.sum(~self._late[self._chunk[elements]])) // BLOCK * BLOCK
         return MeshPart(
             elements, away, nodes, node_of, self._counts[nodes], contributors,
             sends, receives, inside, self._spans(rank, nodes),

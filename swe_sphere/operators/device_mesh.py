@@ -23,7 +23,7 @@ from swe_sphere.mesh.cubed_sphere import BLOCK
 from swe_sphere.mesh.partition import MeshPart, Partition, single_part
 from swe_sphere.operators.chunks import Chunks
 from swe_sphere.operators.halo import Halo
-from swe_sphere.operators.launch import MOST_CACHED, Cuts, Launcher, Span
+from swe_sphere.operators.launch import MOST_CACHED, Launcher, Span
 from swe_sphere.operators.strips import Strips
 from swe_sphere.ranks.communicator import Communicator
 
@@ -259,22 +259,24 @@ class DeviceMesh(NotCopyable):
             self.halos[field.flat.ptr]()
 
     def over_elements(
-        self, field: Field, kernel: Any, threads: Any, *inputs: Any, wait: bool = True
+        self, field: Field | None, kernel: Any, threads: Any, *inputs: Any, wait: bool = True
     ) -> None:
         """Launch a kernel, whose first argument is its first group of elements, over all elements.
 
-        The kernel stores its results in `field`. Several ranks launch the groups on the rim first,
-        and exchange their results while the groups away from it are computed. wait: False if a
-        function of `over_nodes` reads the results; it waits for those of other ranks.
+        The kernel stores its results in `field`, if other ranks read them. Several ranks launch the
+        groups on the rim first, and exchange their results while the groups away from it are
+        computed. wait: False if a function of `over_nodes` reads the results; it waits for those of
+        other ranks.
         """
         away, each = self.away, threads[1:] if isinstance(threads, tuple) else ()
+        cuts = None if self.strips is None else self.strips.groups
         if away < self.groups:
-            self.launch(kernel, (self.groups - away, *each), away, *inputs)
-        self._awaited = self.halos.get(field.flat.ptr)
+            on_rim = cuts is not None  # otherwise these may be all
+            self.launch(kernel, (self.groups - away, *each), away, *inputs, on_rim=on_rim)
+        self._awaited = None if field is None else self.halos.get(field.flat.ptr)
         if self._awaited is not None:
             self._awaited.start()
         if away:
-            cuts = self.cuts if wait or self.strips is None else self.strips.groups
             self.launch(kernel, (away, *each), 0, *inputs, cuts=cuts)
         if wait:
             self.wait()
@@ -293,11 +295,6 @@ class DeviceMesh(NotCopyable):
         away = self.part.interior_elements // self.lanes
         return away if away >= LEAST_AWAY else 0
 
-    @property
-    def cuts(self) -> Cuts | None:
-        """Cuts of launches over all elements into strips; None without `strips` and under MPI."""
-        return None if self.strips is None or self.comm.shared else self.strips.groups
-
     @functools.cached_property
     def strips(self) -> Strips | None:
         """Strips for launches away from the rim; None on small parts and in launch shape "node"."""
@@ -310,7 +307,7 @@ class DeviceMesh(NotCopyable):
     def spans(self, begin: int = 0) -> list[Span]:
         """Return the nodes from `begin` on: in one span, or as `Strips.spans`."""
         spans = [Span(0, self.size)] if self.strips is None else self.strips.spans
-        return [Span(max(a, begin), b, s) for a, b, s in spans if b > max(a, begin)]
+        return [Span(max(s.begin, begin), *s[1:]) for s in spans if s.end > begin]
 
     def over_nodes(
         self, kernel: Any, begin: int = 0, lanes: int | None = None, spans: Iterable[Span] = ()
@@ -327,27 +324,28 @@ class DeviceMesh(NotCopyable):
             for n, a, b in (lanes, span.begin, whole), (1, whole, span.end):
                 if a < b:
                     made = specialise(kernel, Register(self.real, n)), (b - a) // n, a
-                    runs.append((made, span.cut(a, b, n)))
-        self.launch.load(*(made[0] for made, _ in runs))
+                    runs.append((made, span.cut(a, b, n), span.on_rim))
+        self.launch.load(*(made[0] for made, *_ in runs))
 
         def launch_all(*arguments: Any) -> None:
-            for made, cuts in runs:
+            for made, cuts, on_rim in runs:
                 if cuts is None:
                     self.wait()
-                self.launch(*made, *arguments, cuts=cuts)
+                self.launch(*made, *arguments, cuts=cuts, on_rim=on_rim)
             self.wait()
 
         return launch_all
 
     def launch_over_fields(self, kernel: Any, numbers: int, *inputs: Any) -> None:
         """Launch a kernel, whose first argument is its first number, over fields (numbers,)."""
-        if self.strips is None or self.comm.shared:
+        if self.strips is None:
             self.launch(kernel, numbers, 0, *inputs)
             return
         for field in range(0, numbers, self.size):
             for span in self.strips.spans:
+                there = span.end - span.begin, field + span.begin, *inputs
                 cuts = span.cut(span.begin, span.end, 1, field)
-                self.launch(kernel, span.end - span.begin, field + span.begin, *inputs, cuts=cuts)
+                self.launch(kernel, *there, cuts=cuts, on_rim=span.on_rim)
 
     def _positions(self, entries: NDArray[Any], width: int) -> NDArray[np.int64]:
         """Return the offsets of element nodes (element np^2 + point) in rows of the length `width`.

@@ -33,7 +33,7 @@ class Buffer:
             self._here = wp.empty(places.size, dtype=array.dtype, device="cpu", pinned=not on_cpu)
         threads = 1 if on_cpu else places.size
         arguments = [array, wp.array(places, dtype=wp.int32, device=device), self._there, threads]
-        launches = (partial(launch, kernel, threads, *arguments) for kernel in kernels)
+        launches = (partial(launch, each, threads, *arguments, on_rim=True) for each in kernels)
         self._pack, self._unpack = launches
         ends = np.cumsum([0, *(p.size for p in positions.values())], dtype=int).tolist()
         spans = zip(positions, ends, ends[1:], strict=False)
@@ -95,11 +95,11 @@ class Halo:
 
     def start(self) -> None:
         self.going.pack()
-        between(self._device, self._start)
+        between(self._device, self._start, on_rim=True)
 
     def wait(self) -> None:
         """Wait for the numbers of other ranks and copy them to their positions."""
-        between(self._device, self._messages.wait)
+        between(self._device, self._messages.wait, on_rim=True)
         self._coming.unpack()
 
     def _start(self) -> None:

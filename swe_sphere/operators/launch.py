@@ -33,6 +33,8 @@ class Span(NamedTuple):
     end: int
     starts: NDArray[np.integer] | None = None
     """(strips + 1,) starts of the strips; None if the mesh is not cut into strips."""
+    on_rim: bool = False
+    """True for nodes of several ranks and others that come after the strips."""
 
     def cut(self, begin: int, end: int, step: int, field: int = 0) -> "Cuts | None":
         """Cut a launch over the nodes from `begin` to `end`, with `step` nodes per thread.
@@ -85,6 +87,8 @@ class Launcher(NotCopyable):
         """True if repeated launches are recorded and launched as a whole, see `Replay`."""
         self.defer: Callable[[tuple[Any, ...], Cuts], None] | None = None
         """Function that receives launches over strips instead of the device during recording."""
+        self.on_rim = 0
+        """Number of launches on the rim, see `strips.py`."""
         self._block_dim = 1 if wp.get_device(device).is_cpu else block_threads(nodes)
         # with the arguments, so that no new array or structure reuses a stored address
         self._commands: dict[tuple[object, ...], tuple[Any, tuple[Any, ...]]] = {}
@@ -130,9 +134,10 @@ class Launcher(NotCopyable):
             ) from error
 
     def __call__(
-        self, kernel: Any, dim: int | tuple[int, ...], *arguments: Any, cuts: Cuts | None = None
-    ) -> None:
-        """Run the kernel over `dim` threads, which may be cut into strips."""
+        self, kernel: Any, dim: int | tuple[int, ...], *arguments: Any, cuts: Cuts | None = None,
+        on_rim: bool = False,
+    ) -> None:  # fmt: skip
+        """Run the kernel over `dim` threads, which may be cut into strips, or are on the rim."""
         key = (id(kernel), dim, *map(_identity, arguments))
         if (known := self._commands.get(key)) is None:
             if len(self._commands) >= MOST_CACHED:
@@ -142,6 +147,7 @@ class Launcher(NotCopyable):
                 block_dim=self._block_dim,
             )  # fmt: skip
             known = self._commands[key] = command, (kernel, *arguments)
+        self.on_rim += on_rim
         if cuts is None or self.defer is None:
             known[0].launch()
         else:

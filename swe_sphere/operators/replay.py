@@ -77,48 +77,81 @@ def recorded(
     return lambda x, out: replay((x.ptr, out.ptr), function, x, out)
 
 
-_OPEN: dict[str, Pieces] = {}
-"""Pieces of the recording in progress, by device."""
+_OPEN: "dict[str, _Recording]" = {}
+"""Recording in progress, by device."""
 
 
-def between(device: str, function: Callable[[], None]) -> None:
-    """Run a function on the host between the launches on a device, recorded or not."""
+def between(device: str, function: Callable[[], None], on_rim: bool = False) -> None:
+    """Run a function on the host between the launches on a device, recorded or not.
+
+    on_rim: True if it concerns the rim alone, so that launches over strips may run before it.
+    """
     if device in _OPEN:
-        _OPEN[device] += [_end(device), function]
-        wp.capture_begin(device, force_module_load=False)
+        _OPEN[device].insert(function, on_rim)
     else:
         function()
+
+
+class _Recording:
+    """Recording in progress: launches go into `pieces` instead of running."""
+
+    def __init__(self, launch: Launcher, pieces: Pieces) -> None:
+        self._launch, self._pieces = launch, pieces
+        self._strips: StripLaunches | None = None  # unless other launches have followed them
+        self._group: Callable[[], None] | None = None
+        context, self._core = warp_internals(), None
+        if context and wp.get_device(launch.device).is_cpu:
+            launch.defer, self._core = self._defer, context.runtime.core
+
+    def begin(self) -> None:
+        wp.capture_begin(self._launch.device, force_module_load=False)
+        self._launch.on_rim = 0
+
+    def end(self) -> None:
+        count = self._count()
+        if count > self._launch.on_rim:
+            self._strips = None
+        graph = wp.capture_end(self._launch.device)
+        if count:
+            self._pieces.append(partial(wp.capture_launch, graph))
+
+    def insert(self, function: Callable[[], None], on_rim: bool) -> None:
+        """Put a function between the launches."""
+        self.end()
+        self._strips = self._strips if on_rim else None
+        self._pieces.append(function)
+        self.begin()
+
+    def _count(self) -> int:
+        """Return the number of launches since `begin`; 1 if it is unknown."""
+        if (core := self._core) is None:
+            return 1
+        return int(core.wp_apic_get_operation_count(core.wp_apic_get_recording_state()))
+
+    def _defer(self, known: tuple[Any, ...], cuts: Cuts) -> None:
+        """Add a launch over strips to the preceding ones, if only the rim is between them."""
+        if self._count() or not self._pieces or self._pieces[-1] is not self._group:
+            self.end()
+            self._strips = self._strips or StripLaunches(self._launch)
+            self._group = self._strips.begin_group()
+            self._pieces.append(self._group)
+            self.begin()
+        assert self._strips is not None
+        self._strips.add(known, cuts)
 
 
 @contextmanager
 def _captured(launch: Launcher, pieces: Pieces) -> Iterator[None]:
     """Put the launches of the block into `pieces` instead of running them."""
-    device = launch.device
-    _OPEN[device] = pieces
-    if context := warp_internals():
-        launch.defer = partial(_defer, context.runtime.core, launch, pieces)
+    recording = _OPEN[launch.device] = _Recording(launch, pieces)
     try:
-        wp.capture_begin(device, force_module_load=False)
+        recording.begin()
         yield
-        pieces.append(_end(device))
+        recording.end()
     except BaseException:
         with suppress(RuntimeError):  # the error may have ended the recording
-            _end(device)
+            wp.capture_end(launch.device)
         raise
     finally:
         launch.defer = None
-        del _OPEN[device]
-
-
-def _defer(core: Any, launch: Launcher, pieces: Pieces, known: tuple[Any, ...], cuts: Cuts) -> None:
-    """Add a launch over strips to the preceding ones, if nothing is between them."""
-    last = pieces[-1] if pieces else None
-    others = core.wp_apic_get_operation_count(core.wp_apic_get_recording_state())
-    if others or not isinstance(last, StripLaunches):
-        last = StripLaunches(launch)
-        between(launch.device, last)
-    last.add(known, cuts)
-
-
-def _end(device: str) -> Callable[[], None]:
-    return partial(wp.capture_launch, wp.capture_end(device))
+        del _OPEN[launch.device]

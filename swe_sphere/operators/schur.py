@@ -171,7 +171,7 @@ class SchurOperator:
     def to_field(self, x: wp.array, out: Field) -> None:
         """Copy a nodal vector (N,) of any number type to a field."""
         kernel = self._to_field(x.dtype)
-        self.mesh.launch(kernel, self.dim, 0, self.mesh.nodes, x, out.values, cuts=self.mesh.cuts)
+        self.mesh.over_elements(None, kernel, self.dim, self.mesh.nodes, x, out.values)
 
     def to_nodes(self, x: Field, out: wp.array) -> None:
         """Copy a field, with the same bits in all elements of a node, to a nodal vector (N,)."""
@@ -269,7 +269,7 @@ class SchurOperator:
         self.mesh.over_elements(self._local, last, self.dim, self._geometry, *arguments)
 
     def _over_elements(self, kernel: Any, *arguments: Any) -> None:
-        self.mesh.launch(kernel, self.dim, 0, self._geometry, *arguments, cuts=self.mesh.cuts)
+        self.mesh.over_elements(None, kernel, self.dim, self._geometry, *arguments)
 
 
 class SchurMatrix:

@@ -6,13 +6,19 @@ strip, and they follow one another in memory. Consecutive launches over elements
 together, strip by strip. A strip of elements reads nodes of strips up to `reach` further on. Each
 launch over elements therefore stays `reach` strips behind the launch before it, and a launch over
 nodes follows at once. At these distances no launch overwrites values that an earlier launch has yet
-to read, even if they share arrays, so that results have the same bits. On several ranks the strips
-cover elements away from the rim. Elements on the rim come before them, their results are exchanged
-meanwhile, and nodes that elements on the rim own come after them.
+to read, even if they share arrays, so that results have the same bits.
+
+On several ranks the strips cover elements away from the rim, the nearest ones first. Elements on
+the rim are computed before them, their results are exchanged meanwhile, and nodes on the rim, which
+count as a strip in front of the others, come after them. When the strips of a launch are complete,
+those of later launches still lag behind, so that the rim can follow before they read it.
 """
 
 import ctypes
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -55,34 +61,48 @@ class Strips:
         strip = (np.arange(elements) // width)[:, None, None]
         numbers = np.arange(int(strip.max()) + 2)
         first = np.full(part.node_numbers.size, numbers[-2])
-        nodes = part.nodes[:elements]
-        np.minimum.at(first, nodes, strip)
+        inside, rim = part.nodes[:elements], part.nodes[elements:]
+        np.minimum.at(first, inside, strip)
+        first[rim] = 0
         stops = [*np.searchsorted(part.counts, [1, 2], side="right").tolist(), part.counts.size]
         self.spans: list[Span] = []
-        """Nodes inside elements, on edges and at vertices, in strips; then those in no strip."""
-        done = np.full_like(first, numbers[-1])
+        """Nodes inside elements, on edges and at vertices, in strips; then those on the rim."""
+        done = np.full_like(first, -1)
         for begin, count in zip([0, *stops[:2]], part.interior_nodes.tolist(), strict=True):
             end = begin + count
-            starts = np.searchsorted(first[begin:end], numbers)
+            last = np.minimum.accumulate(first[begin:end][::-1])[::-1]
+            starts = np.searchsorted(last, numbers)
             starts = np.minimum(begin + -(-starts // BLOCK) * BLOCK, end)
             self.spans.append(Span(begin, end, starts))
             done[begin:end] = np.searchsorted(starts, np.arange(begin, end), side="right") - 1
-        self.spans += [Span(s.end, b) for s, b in zip(self.spans, stops, strict=True) if s.end < b]
-        reach = int((strip - done[nodes]).max())
+        stops_of = zip(self.spans, stops, strict=True)
+        self.spans += [Span(s.end, b, on_rim=True) for s, b in stops_of if s.end < b]
+        reach = max(int((strip - done[inside]).max()), int(done[rim].max(initial=-1)) + 1)
         self.groups = Cuts(-(-np.minimum(numbers * width, elements) // lanes), 0, 1, reach)
 
 
 class StripLaunches:
-    """Launches that run together over the strips of one mesh; see `sweep_strips` for the table."""
+    """Launches that run together over the strips of one mesh; see `sweep_strips` for the table.
+
+    They form groups. The rim is computed between two groups, when the strips of the first one are
+    complete, and those of the second one as far as `reach` allows.
+    """
 
     def __init__(self, launch: Launcher) -> None:
-        self._launch, self._rows, self._lag, self._strips = launch, list[Any](), 0, 0
-        self._command: Any = None
+        self._launch, self._rows, self._strips = launch, list[Any](), 0
+        self._lags = list[int]()
+        """Lag of the last launch of each group."""
+        self._commands = list[Any]()
         self._kept = list[Any]()
         """All that the table refers to by address."""
 
+    def begin_group(self) -> Callable[[], None]:
+        """Begin a group of launches; return the function that runs them, after earlier groups."""
+        self._lags.append(self._lags[-1] if self._lags else 0)
+        return partial(self, len(self._lags) - 1)
+
     def add(self, known: tuple[Any, ...], cuts: Cuts) -> None:
-        """Append a launch. known: its command, and objects that must live as long as it."""
+        """Append a launch to the group. known: its command, and objects that must live as long."""
         command, *_ = known
         bounds = type(command.bounds).from_buffer_copy(command.bounds)
         values = command.params[1:]
@@ -93,14 +113,16 @@ class StripLaunches:
         function = ctypes.cast(command.hooks.forward, ctypes.c_void_p).value
         addresses = function, *map(ctypes.addressof, (bounds, arguments)), starts.ctypes.data
         sizes = type(bounds).size.offset, bounds.size // bounds.shape[0]
-        self._lag += cuts.reach if self._rows else 0
-        self._rows.append((*addresses, cuts.begin, cuts.step, *sizes, self._lag))
+        self._lags[-1] += cuts.reach if self._rows else 0
+        self._rows.append((*addresses, cuts.begin, cuts.step, *sizes, self._lags[-1]))
         self._kept.append((known, bounds, arguments, starts))
 
-    def __call__(self) -> None:
-        if self._command is None:
+    def __call__(self, group: int) -> None:
+        if not self._commands:
             table = wp.array(np.array(self._rows, np.uint64), dtype=wp.uint64, device="cpu")
-            inputs = [table, self._strips]
-            self._command = wp.launch(self._launch.sweep, 1, inputs, device="cpu", record_cmd=True)
             self._kept.append(table)
-        self._command.launch()
+            for first, last in pairwise([self._strips, *(-lag for lag in self._lags)]):
+                inputs = [table, self._strips, first - 1, last]
+                command = wp.launch(self._launch.sweep, 1, inputs, device="cpu", record_cmd=True)
+                self._commands.append(command)
+        self._commands[group].launch()

@@ -310,7 +310,8 @@ class Stepper(Trajectory, ABC):
         repeats = type(self._replay) is Replay and self.steps >= (self.repeats_from or 0)
         alone = self._split_diffusion is None and self.model.limiter is None
         alone = alone and not any(map(self._is_penalised, following))
-        is_cut = self.model.device_mesh.cuts is not None
+        mesh = self.model.device_mesh
+        is_cut = mesh.strips is not None and not mesh.comm.shared
         if not (repeats and alone and is_cut and 1 < self.fused_steps <= most):
             self.step()
             return

@@ -170,15 +170,14 @@ class CoarsePart:
     def restrict(self, b: Field, out: Field) -> None:
         """Set out to the integrals of b [m] times each function [m3]."""
         inputs = self._values, self._mass, b.values, self._local
-        self._launch(self._restrict, self._dims[0], 0, *inputs, cuts=self._mesh.cuts)
-        self._mesh.exchange(self._integrals)
+        self._mesh.over_elements(self._integrals, self._restrict, self._dims[0], *inputs)
         size = self._contributors[0].size
         self._launch(self._assemble, size, *self._contributors, self._integrals.flat, out.flat)
 
     def prolong(self, coefficients: Field, x: Field) -> None:
         """Add the functions times their coefficients to x."""
         inputs = self._values, self._of_elements, coefficients.flat, x.values
-        self._launch(self._prolong, self._dims[1], 0, *inputs, cuts=self._mesh.cuts)
+        self._mesh.over_elements(None, self._prolong, self._dims[1], *inputs)
 
     def rows(self, matrix: Any) -> scipy.sparse.csr_array:
         """Return the rows of this rank's functions."""
@@ -250,7 +249,7 @@ NEGLIGIBLE = 0.01
 """Size of omitted couplings of computational modes, relative to the diagonal."""
 RIDGE = 1e-4
 """Relative increase of the diagonal of a matrix of long waves, which may depend on one another."""
-INVISIBLE = 1e-6
+INVISIBLE = 1e-4
 """Size of omitted entries of an inverse, relative to the diagonal."""
 SMALL = 1e-6
 """Sum of the coefficients of a wave up to which it counts as zero."""
