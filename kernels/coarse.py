@@ -59,23 +59,31 @@ def assemble(four: Places, more: Places, field: vector, out: vector):
     out[row] = total
 
 
-runs_sum, numbers_sum = entries_sum("*runs(from)"), entries_sum("*from")
+WIDEN = """[&] {
+    number each[lanes];
+    for (int lane = 0; lane < lanes; ++lane)
+        each[lane] = number(values.data[k * lanes + lane]);
+    return *runs(each);
+}()"""
+runs_sum = entries_sum("*runs(from)", WIDEN, wp.int16)
+numbers_sum = entries_sum("*from", "runs(values.data)[k]", value)
 
 
 @kernel
 def coarse_step(
-    at: Numbers, begin: Numbers, values: registers, per_diagonal: registers, size: real,
-    b: registers, flat_x: vector, x: registers, after: registers,
+    at: Numbers, begin: Numbers, values: wp.array(dtype=wp.int16), unit: real,
+    per_diagonal: registers, size: real, b: registers, flat_x: vector, x: registers,
+    after: registers,
 ):  # fmt: skip
     """Take a Chebyshev step over groups of `lanes` rows of a `SlicedMatrix`.
 
-    The `values` of group g are entries k from at[g] to at[g + 1]; entry k multiplies the register
-    at flat_x[begin[k]], where flat_x is x as a flat array. Vectors have one register per group. The
-    step is after = x + size (b - M x)/diagonal; `after` is not x.
+    The `values` of group g are entries k from at[g] to at[g + 1], in units of `unit`; entry k
+    multiplies the register at flat_x[begin[k]], where flat_x is x as a flat array. Vectors have one
+    register per group. The step is after = x + size (b/diagonal - M x); `after` is not x.
     """
     g = wp.tid()
-    residual = b[g] - runs_sum(at, begin, values, flat_x, g)
-    after[g] = x[g] + size * mul(per_diagonal[g], residual)
+    product = unit * runs_sum(at, begin, values, flat_x, g)
+    after[g] = x[g] + size * (mul(per_diagonal[g], b[g]) - product)
 
 
 @kernel

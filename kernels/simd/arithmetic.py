@@ -88,17 +88,18 @@ def add_functions(functions: int, points: int) -> Any:
     return add
 
 
-def entries_sum(factor: str) -> Any:
+def entries_sum(factor: str, entry: str, stored: Any) -> Any:
     """Return the device function (at, places, values, x, g) for M x in group g of a sparse matrix.
 
     The matrix is a `SlicedMatrix` or `TallMatrix`. factor: C++ for the register or number that
-    entry k multiplies, where `from` points to the number x[places[k]]. The entries of a row are
-    added in turn; adjacent rows, which differ from rank to rank, add only zeros to this sum.
+    entry k multiplies, where `from` points to the number x[places[k]]; entry: C++ for entry k of
+    `values`, whose type is `stored`. The entries of a row are added in turn; adjacent rows, which
+    differ from rank to rank, add only zeros to this sum.
     """
 
-    @Register.func_native(source("entries_sum", factor=factor))
+    @Register.func_native(source("entries_sum", factor=factor, entry=entry))
     def row(
-        at: Numbers, places: Numbers, values: wp.array(dtype=value), x: vector, g: int
+        at: Numbers, places: Numbers, values: wp.array(dtype=stored), x: vector, g: int
     ) -> value: ...
 
     return row

@@ -7,6 +7,7 @@ import scipy
 import warp as wp
 from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.kernels import Register
 from swe_sphere.kernels.coarse import coarse_step, tall_parts, tall_product, tall_total
 from swe_sphere.operators.device_mesh import DeviceMesh, Field
@@ -19,8 +20,8 @@ def vector(mesh: DeviceMesh, size: int) -> Field:
 
 def _grouped(
     mesh: DeviceMesh, matrix: scipy.sparse.csr_array, shifted: bool
-) -> tuple[wp.array, NDArray[np.int64], wp.array]:
-    """Return the first entry of each group of `lanes` rows, then columns and registers of entries.
+) -> tuple[wp.array, NDArray[np.int64], Array]:
+    """Return the first entry of each group of `lanes` rows, then columns and lanes of entries.
 
     A group has one register for each column with an entry in the group. If `shifted`, columns are
     counted from the lane of the row, so that a diagonal of the group is one column.
@@ -36,28 +37,37 @@ def _grouped(
     blocks.sort_indices()
     values = blocks.data[..., 0] if blocks.indices.size else np.zeros((1, lanes))
     starts = wp.array(blocks.indptr, dtype=wp.int32, device=mesh.device)
-    return starts, blocks.indices - behind, mesh.registers(values)
+    return starts, blocks.indices - behind, values
+
+
+MOST = 2**15 - 1
+"""Largest entry of a `SlicedMatrix` in its unit."""
 
 
 class SlicedMatrix:
-    """A matrix in the number type and the lanes of a mesh, for vectors built by `vector`.
+    """A matrix in the lanes of a mesh, for vectors built by `vector`.
+
+    Its entries are multiples of `unit`, from -MOST to MOST, in 16 bits: a step reads little else.
 
     Each group of `lanes` rows stores one register for each diagonal on which it has an entry. This
     register multiplies consecutive numbers of a vector, so that no numbers are gathered lane by
     lane, which takes longer; numberings that follow lines of the mesh have few diagonals.
     """
 
-    def __init__(self, mesh: DeviceMesh, matrix: scipy.sparse.csr_array) -> None:
+    def __init__(self, mesh: DeviceMesh, matrix: scipy.sparse.csr_array, unit: float) -> None:
+        """Round the entries of a matrix to multiples of `unit`."""
         register = Register(mesh.real, mesh.lanes, whole=False)
         self._launch, (self._kernel,) = mesh.launch, mesh.launch.compile(register, coarse_step)
         self._groups = -(-matrix.shape[0] // mesh.lanes)
         starts, diagonals, values = _grouped(mesh, matrix, shifted=True)
-        self._entries = starts, wp.array(diagonals, dtype=wp.int32, device=mesh.device), values
+        columns = wp.array(diagonals, dtype=wp.int32, device=mesh.device)
+        rounded = np.rint(values / unit).astype(np.int16).ravel()
+        self._entries = starts, columns, wp.array(rounded, device=mesh.device), unit
 
     def chebyshev_step(
         self, size: float, per_diagonal: Field, b: Field, x: Field, after: Field
     ) -> None:
-        """Set after = x + size (b - M x)/diagonal; `after` is not x."""
+        """Set after = x + size (b/diagonal - M x); `after` is not x."""
         vectors = b.values, x.flat, x.values, after.values
         inputs = *self._entries, per_diagonal.values, size, *vectors
         self._launch(self._kernel, self._groups, *inputs)
@@ -77,7 +87,8 @@ class TallMatrix:
         )
         rows, self._few = matrix.shape
         self._groups = -(-rows // mesh.lanes)
-        self._at, column, self._values = _grouped(mesh, matrix, shifted=False)
+        self._at, column, values = _grouped(mesh, matrix, shifted=False)
+        self._values = mesh.registers(values)
         ends = np.searchsorted(np.sort(column), np.arange(self._few + 1))
         self._columns, self._ends, self._listed = (
             wp.array(numbers, dtype=wp.int32, device=mesh.device)

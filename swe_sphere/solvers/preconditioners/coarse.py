@@ -21,7 +21,7 @@ from swe_sphere.mesh.sphere import position
 from swe_sphere.operators import sparse
 from swe_sphere.operators.device_mesh import Field
 from swe_sphere.operators.halo import Halo
-from swe_sphere.operators.lane_matrices import SlicedMatrix, TallMatrix, vector
+from swe_sphere.operators.lane_matrices import MOST, SlicedMatrix, TallMatrix, vector
 from swe_sphere.operators.schur import SchurOperator
 from swe_sphere.operators.sparse import ElementSpace
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_steps, spectral_bound
@@ -309,9 +309,10 @@ class CoarseCorrection:
             _omit_small(each)
         matrix = scipy.sparse.block_diag([smooth, *modes], format="csr", dtype=np.float32)
         inverse = 1.0 / matrix.diagonal()
-        largest = spectral_bound(lambda x: inverse * (matrix @ x), inverse.size)
-        self._sizes = chebyshev_steps(STEPS, largest)
-        self._matrix = SlicedMatrix(self._operator.mesh, self._part.square(matrix))
+        matrix.data *= np.repeat(inverse, np.diff(matrix.indptr))
+        self._sizes = chebyshev_steps(STEPS, spectral_bound(matrix.__matmul__, inverse.size))
+        unit = float(np.abs(matrix.data).max()) / MOST
+        self._matrix = SlicedMatrix(self._operator.mesh, self._part.square(matrix), unit)
         self._operator.mesh.write(inverse[self._part.functions], self._per_diagonal.flat)
 
     def correct(self, b: Field, x: Field, add: bool = True) -> None:
