@@ -1,7 +1,5 @@
 """`swe-sphere list`, `plot`, `animate`, `compare` and `regrid`: work on files of runs."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterable
@@ -84,7 +82,7 @@ def animate(
     typer.echo(animate_file(file, field, out, validate(Look, given(look, Look)), rate, overwrite))
 
 
-def _against(file: Path, other: str, trust: Iterable[Path]) -> Source | Exact:
+def _against(file: Path, other: str, trust: Iterable[Path]) -> "Source | Exact":
     """Return the source to compare with: a file, or the exact solution of the file's scene."""
     from swe_sphere.io.reference_solution import Exact, open_source
 

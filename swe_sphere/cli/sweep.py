@@ -1,7 +1,5 @@
 """`swe-sphere sweep` and `advise`: plans, runs with a progress bar, and the answer."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
@@ -140,7 +138,7 @@ def _show_sweep(dataset: xr.Dataset) -> None:
             typer.echo(f"{times}{stepper}, {status}: {reason}")
 
 
-def _show_rankings(found: Sequence[Ranking]) -> None:
+def _show_rankings(found: Sequence["Ranking"]) -> None:
     """Print the headline and the table of each ranking, and at the end how to read a table."""
     for ranking in found:
         typer.echo(ranking.headline)

@@ -1,7 +1,5 @@
 """The look of a picture: the options of `plot` and `animate`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
@@ -103,7 +101,7 @@ class Look(
         _, _, south, north = self.region or (0.0, 0.0, 0.0, 0.0)
         return south if self.projection == "north-polar" else -north
 
-    def colour_map(self, kind: scalar_fields.FieldStyle) -> Colormap:
+    def colour_map(self, kind: "scalar_fields.FieldStyle") -> "Colormap":
         """Return the requested colour map, or that of the field; ConfigError if it is unknown."""
         import matplotlib as mpl
         from cmcrameri import cm

@@ -1,7 +1,5 @@
 """Build scene, state and mesh of a run from its configuration and user objects; check memory."""
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 import math
@@ -197,7 +195,7 @@ def make_mesh(config: RunConfig, scene: Scene, made: Mesh | None = None) -> Mesh
     return mesh
 
 
-def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:
+def stepper_options(kind: type["Stepper"], config: RunConfig) -> dict[str, Any]:
     """Return all options of a stepper: configured values, otherwise defaults.
 
     Raises ConfigError if the stepper has no such option, or the value does not fit.

@@ -1,7 +1,5 @@
 """Output file of a run, exact resumption of an earlier run, and identity of a run."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -231,7 +229,7 @@ class Restart:
         cycle = int(self.attributes.get("steps_at_once", 1))
         return RunPlan(dt, self.steps, self.steps, dt, "that of the restart file", cycle)
 
-    def load_into(self, stepper: Trajectory, before: int) -> None:
+    def load_into(self, stepper: "Trajectory", before: int) -> None:
         """Load the arrays into a stepper, which then resumes; ConfigError if they do not fit.
 
         before: number of steps that were taken with other steppers.

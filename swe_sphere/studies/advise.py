@@ -1,7 +1,5 @@
 """Advice before a run: a short search with some steppers on the user's own scene and mesh."""
 
-from __future__ import annotations
-
 import math
 import shlex
 import tempfile
@@ -54,7 +52,7 @@ class Advice(NamedTuple):
     """Length of the measured runs [days]."""
     of_days: float
     """Length of the run to advise on [days]."""
-    ranking: Ranking
+    ranking: "Ranking"
     """All steppers at the target error of the measured runs; one of them reaches it."""
     config: RunConfig
     """The configuration of the advised run."""

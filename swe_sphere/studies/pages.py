@@ -1,7 +1,5 @@
 """Pages of studies, in Markdown or HTML, from templates that lie in their packages."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
@@ -32,7 +30,7 @@ def prose(name: str, *values: object) -> str:
 
 
 @cache
-def _environment(package: str, escape: bool) -> Environment:
+def _environment(package: str, escape: bool) -> "Environment":
     from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
     places = [PackageLoader(of, "templates") for of in (package, __package__)]

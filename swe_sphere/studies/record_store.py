@@ -1,7 +1,5 @@
 """Outcomes of the runs of a study, and their records in a folder, each complete or absent."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -124,7 +122,7 @@ def read_record(path: Path, form: type[R]) -> R:
         ) from None
 
 
-def as_netcdf(dataset: xr.Dataset) -> bytes:
+def as_netcdf(dataset: "xr.Dataset") -> bytes:
     """Return the netCDF file of a dataset, built in memory: HDF5 does not survive a full disk."""
     from netCDF4 import Dataset
     from xarray.backends import NetCDF4DataStore

@@ -3,8 +3,6 @@
 The cases of `swe-sphere verify` and `swe-sphere stress` are in the TOML files beside this module.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -136,7 +134,7 @@ class Case(BaseModel):
         limit = {} if self.seconds is None else {"time-limit": self.seconds}
         return make_config(by_field(merged(limit | self.run, changes or {})))
 
-    def changed(self, **changes: Any) -> Case:
+    def changed(self, **changes: Any) -> "Case":
         """Return the case with other values; `run` is merged with the settings of its run."""
         run = merged(self.run, changes.pop("run", {}))
         return Case.model_validate(self.model_dump() | {"run": run} | changes)

@@ -1,7 +1,5 @@
 """Verdicts and pages from measured numbers: observed orders, bounds, outcomes, Markdown."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
@@ -35,7 +33,7 @@ class Row:
 
     case: Case
     measure: Measure
-    before: Row | None = None
+    before: "Row | None" = None
     """The preceding row of the same name; None for the first."""
 
     @cached_property

@@ -1,7 +1,5 @@
 """Records of a sweep: one of each run and one of the request, and the dataset of all runs."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -55,7 +53,7 @@ class Errors(Record):
     linf: float | None
 
     @classmethod
-    def of(cls, kind: str, by_day: Mapping[float, Norms], share: float = 1.0) -> list[Errors]:
+    def of(cls, kind: str, by_day: Mapping[float, Norms], share: float = 1.0) -> list["Errors"]:
         """Return the errors of all fields and days, multiplied by `share`."""
         return [
             cls(kind=kind, field=name, day=day, **{norm: share * x for norm, x in of.items()})  # type: ignore[arg-type]

@@ -6,8 +6,6 @@ precision, a `Setup` for each stepper on it, and a `RunSpec` for each step of th
 stores a `RunRecord` (record.py) of each; `Evaluator` computes their errors.
 """
 
-from __future__ import annotations
-
 import inspect
 import math
 import sys
@@ -270,7 +268,7 @@ class Study:
         """Return all meshes and precisions of the plan."""
         return [self.at(*of) for of in product(self.ne, self.np, self.plan.precision)]
 
-    def setups(self) -> list[Setup]:
+    def setups(self) -> list["Setup"]:
         """Return the steppers with each preconditioner, mesh by mesh.
 
         Steppers without a preconditioner appear once; those without a tolerance get none.
@@ -284,7 +282,7 @@ class Study:
                 found.append(self.setup(space, stepper, tolerance=tolerance, preconditioner=name))
         return [*dict.fromkeys(found)]
 
-    def setup(self, space: Discretisation, stepper: str, **options: object) -> Setup:
+    def setup(self, space: Discretisation, stepper: str, **options: object) -> "Setup":
         """Return a stepper on a mesh."""
         return Setup(space.config.model_copy(update={"stepper": stepper, **options}), space, self)
 
@@ -411,7 +409,7 @@ class Setup:
         """Safe fraction of the stability limit [s]; infinite without one."""
         return self.stepper_class.safety * self.stable_dt
 
-    def spec(self, dt: float, role: Role = "grid") -> RunSpec:
+    def spec(self, dt: float, role: Role = "grid") -> "RunSpec":
         """Return the run with steps of dt [s], or down to half of it if report times require it.
 
         Trials of stability keep their step: they have no report times.
@@ -425,7 +423,7 @@ class Setup:
             return RunSpec(self, dt, None, role, str(error))
         return RunSpec(self, steps.dt, steps, role, self.refusal)
 
-    def grid(self) -> list[RunSpec]:
+    def grid(self) -> list["RunSpec"]:
         """Return the runs of the plan, without duplicates."""
         if (plan := self.study.plan).dt != "auto":
             steps = sorted(plan.dt, reverse=True)
