@@ -15,14 +15,9 @@ from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.planning import free_steps
 from swe_sphere.steppers import STEPPERS
+from swe_sphere.studies.sweep.engine import NoStepError, longest_accurate, longest_working
 from swe_sphere.studies.sweep.record import Errors, _converged
-from swe_sphere.studies.sweep.runs import (
-    NoStepError,
-    Study,
-    dt_sequence,
-    longest_accurate,
-    longest_working,
-)
+from swe_sphere.studies.sweep.runs import Study, dt_sequence
 from swe_sphere.studies.sweep.sweep_plan import RECIPES, folder_of, load_recipe, make_plan
 
 ROOT = Path(__file__).parents[1]

@@ -23,17 +23,7 @@ from swe_sphere.studies.pages import prose
 from swe_sphere.studies.record_store import locked
 from swe_sphere.studies.sweep.record import REPEATABLE, RunRecord, note_plan, runs_of, write_dataset
 from swe_sphere.studies.sweep.runner import Evaluator, Runner, SweepWatcher
-from swe_sphere.studies.sweep.runs import (
-    TRIAL_DAYS,
-    TRIAL_STEPS,
-    NoStepError,
-    RunSpec,
-    Setup,
-    Study,
-    longest_accurate,
-    longest_working,
-    users_methods,
-)
+from swe_sphere.studies.sweep.runs import TRIAL_DAYS, TRIAL_STEPS, RunSpec, Setup, Study
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan, make_plan
 
 SHORTEST_SEARCHED = 64.0
@@ -50,6 +40,13 @@ SEARCHING = 0.7
 """Fraction of the remaining budget that the remaining searches share equally."""
 NEAR_BEST = 1.5
 """Runs up to this many times the time of the cheapest accurate run are timed again."""
+REFINEMENTS = 6
+LIMIT_KNOWN, ACCURATE_KNOWN = 0.02, 0.05
+"""Relative accuracy with which searches find the longest working, or accurate, step."""
+PLATEAU, SATURATED = 0.9, 0.3
+"""If halving the step leaves more than the first fraction of the error, the step does not matter,
+unless the relative error is above the second: an error as large as the flow grows no further.
+"""
 
 Part = tuple[int, int | None]
 """A task of one process: number of a setup, and index in its grid, or None for searches."""
@@ -116,7 +113,7 @@ def run_sweep(
     with locked(folder), ExitStack() as stack:
         gc.freeze()  # so that collections between runs skip older objects
         stack.callback(gc.unfreeze)
-        work = Sweep(plan, folder, watcher or SweepWatcher(), own)
+        work = Sweep(plan, folder, watcher, own)
         try:
             work.run()
         except Interrupted:
@@ -124,6 +121,70 @@ def run_sweep(
                 write_dataset(folder)
             raise
         return write_dataset(folder)
+
+
+class NoStepError(Exception):
+    """No step is accurate enough; the text states why."""
+
+
+def longest_working(
+    works: Callable[[float], bool], guess: float, shortest: float, longest: float, growth: float
+) -> float | None:
+    """Return the longest step [s] that works, to LIMIT_KNOWN; None if none does.
+
+    works: tests a step; if it fails for one, longer ones are assumed to fail. guess: first trial;
+    shortest, longest: the ends of the search; growth: ratio of steps until the limit is enclosed.
+    """
+    low = high = min(max(guess, shortest), longest)
+    if works(low):
+        while low < longest and works(high := min(growth * low, longest)):
+            low = high
+        if low >= longest:
+            return longest
+    else:
+        while high > shortest and not works(low := max(high / growth, shortest)):
+            high = low
+        if high <= shortest:
+            return None
+    while high > (1.0 + LIMIT_KNOWN) * low:
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if works(middle) else (low, middle)
+    return low
+
+
+def longest_accurate(
+    error: Callable[[float], float], target: float, longest: float, shortest: float
+) -> float:
+    """Return the longest step [s] with an error of at most the target, to ACCURATE_KNOWN.
+
+    error: error of a step, not finite if the run fails; it is assumed to grow with the step. The
+    search halves the longest step, then applies the secant method to the logarithms. Raises
+    NoStepError if halving the step no longer helps, and at the shortest step.
+    """
+    step, found = longest, error(longest)
+    too_long: tuple[float, float] | None = None
+    flat = 0
+    while not found <= target:
+        if step <= shortest:
+            raise NoStepError(f"the error is {found:.3g} even at dt = {step:.4g} s")
+        too_long = (step, found)
+        step = max(0.5 * step, shortest)
+        found = error(step)
+        flat = flat + 1 if PLATEAU * too_long[1] < found < SATURATED else 0
+        if flat == 2 and not found <= target:
+            raise NoStepError(f"the error stays at {found:.3g} however short the step")
+    for _ in range(REFINEMENTS):
+        if too_long is None or too_long[0] <= (1.0 + ACCURATE_KNOWN) * step:
+            break
+        share = 0.5  # the middle where an error is not finite
+        if math.isfinite(too_long[1]) and 0.0 < found < too_long[1]:
+            share = math.log(target / found) / math.log(too_long[1] / found)
+        tried = step * (too_long[0] / step) ** min(max(share, 0.15), 0.85)
+        if (value := error(tried)) <= target:
+            step, found = tried, value
+        else:
+            too_long = (tried, value)
+    return step
 
 
 class Sweep:
@@ -134,10 +195,11 @@ class Sweep:
     """
 
     def __init__(
-        self, plan: SweepPlan, folder: Path, watcher: SweepWatcher, own: Scene | None = None,
-        beside: bool = False,
+        self, plan: SweepPlan, folder: Path, watcher: SweepWatcher | None = None,
+        own: Scene | None = None, beside: bool = False,
     ) -> None:  # fmt: skip
-        self._plan, self._folder, self._watcher = plan, folder, watcher
+        self._plan, self._folder = plan, folder
+        self._watcher = watcher = watcher or SweepWatcher()
         self._study = study = Study(plan, own)
         solved = study.days in study.files if study.files else study.scene.exact is not None
         if plan.target_kind == "total" and not solved:
@@ -146,10 +208,8 @@ class Sweep:
                 " no total error: give its --reference, or choose time or slow"
             )
         store = runs_of(folder, f"-{os.getpid()}" if beside else "")
-        if not beside:
-            sources = study.sources | users_methods(plan.steppers, plan.preconditioner)
-            if stale := note_plan(folder, store.records, study, sources):
-                watcher.note(stale)
+        if not beside and (stale := note_plan(folder, store.records, study)):
+            watcher.note(stale)
         self._runner = Runner(study, store, watcher, plan.jobs if beside else 1)
         self._evaluator = Evaluator(study, self._runner, folder)
         self._everyone = study.setups()
@@ -169,7 +229,8 @@ class Sweep:
             if plan.jobs > 1:
                 parts = self._parts()
                 self._watcher.expect(len(parts))
-                for _ in in_processes(plan.jobs, partial(making_parts, plan, self._folder), parts):
+                begin = partial(Sweep, plan, self._folder, beside=True)
+                for _ in in_processes(plan.jobs, begin, parts):
                     self._watcher.done()
                 self._runner.read(runs_of(self._folder))
             if plan.target_error:
@@ -188,7 +249,7 @@ class Sweep:
         places = [(n, i) for n, setup in everyone for i in range(len(setup.grid()))]
         return [*sorted(places, key=itemgetter(1), reverse=True), *whole]
 
-    def make(self, part: Part) -> None:
+    def __call__(self, part: Part) -> None:
         """Run a part of all runs."""
         number, place = part
         setup = self._everyone[number]
@@ -315,8 +376,3 @@ class Sweep:
         """Return the error at the end of a run in the plan's norm; infinite if the run failed."""
         value = getattr(self._study.searched(record.errors), self._plan.target_norm, None)
         return math.inf if value is None else float(value)
-
-
-def making_parts(plan: SweepPlan, folder: Path) -> Callable[[Part], None]:
-    """Prepare a process that runs parts of a sweep; return the function that runs one part."""
-    return Sweep(plan, folder, SweepWatcher(), beside=True).make

@@ -21,7 +21,7 @@ from swe_sphere.io.integrals import DRIFTS, Norms
 from swe_sphere.settings.values import flag_of, read_toml
 from swe_sphere.simulation.config import RunConfig, SharedConfig
 from swe_sphere.studies.record_store import STATUSES, Record, Store, as_netcdf, read_record
-from swe_sphere.studies.sweep.runs import DIAGNOSTIC, Role, Study
+from swe_sphere.studies.sweep.runs import DIAGNOSTIC, Role, Study, users_methods
 
 HEADER, RUNS, DATASET = "sweep.json", "runs", "sweep.nc"
 """Names of the file with the request, of the folder of the runs, of the dataset."""
@@ -127,12 +127,13 @@ def _changed(of: Mapping[str, str], sources: Mapping[str, str]) -> list[str]:
     return [name for name in sources if ours.get(name) != sources[name]]
 
 
-def note_plan(folder: Path, runs: list[RunRecord], study: Study, sources: dict[str, str]) -> str:
+def note_plan(folder: Path, runs: list[RunRecord], study: Study) -> str:
     """Store the request; return a note on the existing runs.
 
     The note states how many runs are ignored, because a source has changed since the last sweep; it
     is empty otherwise. Raises ConfigError if the folder is of another scene or not of a sweep.
     """
+    sources = study.sources | users_methods(study.plan.steppers, study.plan.preconditioner)
     last, scene = read_header(folder), study.scene
     if last is not None and last.scene != scene.name:
         raise ConfigError(

@@ -10,7 +10,7 @@ import inspect
 import math
 import sys
 import uuid
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property, reduce
@@ -45,21 +45,8 @@ LONGEST_IMPLICIT = 64.0
 SHORTEST_IMPLICIT = 2.0
 """Shortest implicit step, in gravity limits; for shorter steps explicit steppers cost less."""
 
-REFINEMENTS = 6
-LIMIT_KNOWN, ACCURATE_KNOWN = 0.02, 0.05
-"""Relative accuracy with which searches find the longest working, or accurate, step."""
-PLATEAU, SATURATED = 0.9, 0.3
-"""If halving the step leaves more than the first fraction of the error, the step does not matter,
-unless the relative error is above the second: an error as large as the flow grows no further.
-"""
-
-
 TRIAL_STEPS, TRIAL_DAYS = 100, 5.0
 """Least number of steps and of days of a trial of stability; a sweep with more days extends it."""
-
-
-class NoStepError(Exception):
-    """No step is accurate enough; the text states why."""
 
 
 def dt_sequence(
@@ -79,66 +66,6 @@ def dt_sequence(
     else:
         ratio = float((top / bottom) ** (1.0 / (levels - 1)))
     return [top / ratio**n for n in range(levels)]
-
-
-def longest_working(
-    works: Callable[[float], bool], guess: float, shortest: float, longest: float, growth: float
-) -> float | None:
-    """Return the longest step [s] that works, to LIMIT_KNOWN; None if none does.
-
-    works: tests a step; if it fails for one, longer ones are assumed to fail. guess: first trial;
-    shortest, longest: the ends of the search; growth: ratio of steps until the limit is enclosed.
-    """
-    low = high = min(max(guess, shortest), longest)
-    if works(low):
-        while low < longest and works(high := min(growth * low, longest)):
-            low = high
-        if low >= longest:
-            return longest
-    else:
-        while high > shortest and not works(low := max(high / growth, shortest)):
-            high = low
-        if high <= shortest:
-            return None
-    while high > (1.0 + LIMIT_KNOWN) * low:
-        middle = math.sqrt(low * high)
-        low, high = (middle, high) if works(middle) else (low, middle)
-    return low
-
-
-def longest_accurate(
-    error: Callable[[float], float], target: float, longest: float, shortest: float
-) -> float:
-    """Return the longest step [s] with an error of at most the target, to ACCURATE_KNOWN.
-
-    error: error of a step, not finite if the run fails; it is assumed to grow with the step. The
-    search halves the longest step, then applies the secant method to the logarithms. Raises
-    NoStepError if halving the step no longer helps, and at the shortest step.
-    """
-    step, found = longest, error(longest)
-    too_long: tuple[float, float] | None = None
-    flat = 0
-    while not found <= target:
-        if step <= shortest:
-            raise NoStepError(f"the error is {found:.3g} even at dt = {step:.4g} s")
-        too_long = (step, found)
-        step = max(0.5 * step, shortest)
-        found = error(step)
-        flat = flat + 1 if PLATEAU * too_long[1] < found < SATURATED else 0
-        if flat == 2 and not found <= target:
-            raise NoStepError(f"the error stays at {found:.3g} however short the step")
-    for _ in range(REFINEMENTS):
-        if too_long is None or too_long[0] <= (1.0 + ACCURATE_KNOWN) * step:
-            break
-        share = 0.5  # the middle where an error is not finite
-        if math.isfinite(too_long[1]) and 0.0 < found < too_long[1]:
-            share = math.log(target / found) / math.log(too_long[1] / found)
-        tried = step * (too_long[0] / step) ** min(max(share, 0.15), 0.85)
-        if (value := error(tried)) <= target:
-            step, found = tried, value
-        else:
-            too_long = (tried, value)
-    return step
 
 
 History = dict[float, Fields]
