@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -156,12 +156,11 @@ class Analysis:
             raise ConfigError(f"degree={degree}: a spectrum goes to wavenumber 1 at least")
         # 1.5 times as fine as `degree` requires: aliases appear only beyond that degree
         at = Interpolator(self.mesh, *gaussian((3 * degree + 5) // 4).points)
-
-        def transformed(u: Array, v: Array) -> Array:
-            return spectra(*at.wind(u, v), degree, self.mesh.radius)
-
         sizes = {"kind": len(SPECTRA), "wavenumber": degree + 1}
-        found: xr.DataArray = on_nodes(transformed, sizes, *holding(self._data, "u", "v"))
+        wind = holding(self._data, "u", "v")
+        found: xr.DataArray = on_nodes(
+            lambda u, v: spectra(*at.wind(u, v), degree, self.mesh.radius), sizes, *wind
+        )
         parts = {
             name: found.isel(kind=k).assign_attrs(long_name=text, units=units)
             for k, (name, (text, units)) in enumerate(SPECTRA.items())
@@ -176,9 +175,23 @@ class Analysis:
         return ((relative + f) / h).rename("potential_vorticity").assign_attrs(about)
 
     def streamfunction(self) -> xr.DataArray:
-        """Streamfunction ψ of the wind's rotational part k × ∇ψ [m2 s-1] at the nodes."""
-        u, v = holding(self._data, "u", "v")
-        found: xr.DataArray = on_nodes(poisson(self.mesh), {"node": self.mesh.size}, u, v)
+        """Streamfunction ψ of the wind's rotational part k × ∇ψ [m2 s-1] at the nodes.
+
+        k × ∇ψ is nearest to the wind in the mean square: ψ, of mean zero, solves the weak form of
+        ∇²ψ = ζ: ∫ ∇φ·∇ψ = -∫ φ ζ for every continuous test function φ on the elements.
+        """
+        wind, mesh = holding(self._data, "u", "v"), self.mesh
+        # ψ is defined up to a constant, which is set to zero at the first node
+        factors = splu(
+            sparse.csc_array(stiffness(mesh, np.ones(mesh.size)))[1:, 1:], diag_pivot_thresh=0.0,
+            permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True},
+        )  # fmt: skip
+
+        def solved(u: Array, v: Array) -> Array:
+            psi: Array = np.append(0.0, factors.solve((-mesh.area * vorticity(mesh, u, v))[1:]))
+            return psi - float(np.average(psi, weights=mesh.area))
+
+        found: xr.DataArray = on_nodes(solved, {"node": mesh.size}, *wind)
         about = {"standard_name": "atmosphere_horizontal_streamfunction", "units": "m2 s-1",
                  "long_name": "streamfunction"}  # fmt: skip
         return found.rename("streamfunction").assign_attrs(about)
@@ -317,23 +330,3 @@ def spectra(u: Array, v: Array, degree: int, radius: float) -> Array:
     n = np.arange(degree + 1.0)
     factor = np.divide(radius**2, n * (n + 1.0), out=np.zeros_like(n), where=n > 0)
     return 0.5 * np.stack([factor * enstrophy, factor * divergent, enstrophy])
-
-
-def poisson(mesh: Mesh) -> Callable[[Array, Array], Array]:
-    """Return the function that finds ψ with k × ∇ψ nearest to a wind, in the mean square.
-
-    The function solves the weak form of ∇²ψ = ζ: ∫ ∇φ·∇ψ = -∫ φ ζ for every continuous test
-    function φ on the elements. The matrix is factored once.
-    """
-    # ψ is defined up to a constant, which is set to zero at the first node
-    factors = splu(
-        sparse.csc_array(stiffness(mesh, np.ones(mesh.size)))[1:, 1:], diag_pivot_thresh=0.0,
-        permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True},
-    )  # fmt: skip
-
-    def streamfunction(u: Array, v: Array) -> Array:
-        """Return ψ [m2 s-1] (N,) of mean zero, for the wind u, v (N,) [m s-1]."""
-        found: Array = np.append(0.0, factors.solve((-mesh.area * vorticity(mesh, u, v))[1:]))
-        return found - float(np.average(found, weights=mesh.area))
-
-    return streamfunction
