@@ -175,13 +175,12 @@ class Scene:
         """
         if isinstance(effect, type) or not hasattr(effect, "absent"):
             return replace(self, effects=(*self.effects, effect))  # raises a ConfigError
-        kept = tuple(e for e in self.effects if e.name != effect.name)
+        is_new = self.effect(effect.name) is None
         if effect.absent:
-            return self.without_effect(effect.name) if self.effect(effect.name) else self
-        changes: dict[str, Any] = {"effects": (*kept, effect)}
-        if len(kept) < len(self.effects):
-            changes["effects"] = tuple(effect if e.name == effect.name else e for e in self.effects)
-        elif effect.needs == "equilibrium" and self.equilibrium is None:
+            return self if is_new else self.without_effect(effect.name)
+        effects = {e.name: e for e in self.effects} | {effect.name: effect}
+        changes: dict[str, Any] = {"effects": (*effects.values(),)}
+        if is_new and effect.needs == "equilibrium" and self.equilibrium is None:
             changes["equilibrium"] = lambda lon, lat: self.initial(lon, lat)[2]
         if isinstance(effect, PointwiseEffect) and effect not in self.effects:
             changes |= {"exact": None, "exact_tracers": None}
