@@ -181,7 +181,7 @@ class Series(Observer):
         self.rows.append({"day": snapshot.time / DAY} | snapshot.diagnostics | off)
 
     def numbers(self) -> dict[str, float]:
-        """Return the numbers of the series; empty if there is no sample.
+        """Return the numbers of the series, which has a sample.
 
         Drifts are the largest of either sign over the run; max_wind [m s-1] is the largest,
         min_depth [m] the least; wind_growth is max_wind over that of the start, froude the largest
@@ -190,8 +190,6 @@ class Series(Observer):
         exceeds 0.01, infinite if there is none. For growth_v and growth_h see `_growth`. For
         tracers there are extremes of mixing ratios, and the largest drift of a mass.
         """
-        if not self.rows:
-            return {}
         names = dict.fromkeys((*CHANGES, "max_wind", "max_wave", "min_depth", *self.rows[-1]))
         of = {name: np.array([row.get(name, math.nan) for row in self.rows]) for name in names}
         days, winds = of["day"], of["max_wind"]
