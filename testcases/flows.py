@@ -44,8 +44,7 @@ def at_rest(depth: float) -> State:
 
 def sin_tilted_latitude(lon: Array, lat: Array, alpha: float) -> Array:
     """Return the sine of the latitude relative to the axis (-sin α, 0, cos α); α [rad]."""
-    sine: Array = np.sin(lat) * np.cos(alpha) - np.cos(lat) * np.cos(lon) * np.sin(alpha)
-    return sine
+    return np.asarray(np.sin(lat) * np.cos(alpha) - np.cos(lat) * np.cos(lon) * np.sin(alpha))
 
 
 def solid_body(lon: Array, lat: Array, alpha: float, speed: float = 1.0) -> tuple[Array, Array]:
@@ -63,8 +62,7 @@ def turned(point: Array, alpha: float, turn: float) -> Array:
     axis = np.array([-np.sin(alpha), 0.0, np.cos(alpha)])
     along = (point @ axis)[..., np.newaxis] * axis
     along = along * (1.0 - np.cos(turn))  # Rodrigues' formula
-    result: Array = point * np.cos(turn) + np.cross(axis, point) * np.sin(turn) + along
-    return result
+    return np.asarray(point * np.cos(turn) + np.cross(axis, point) * np.sin(turn) + along)
 
 
 def wrapped(angle: Array) -> Array:

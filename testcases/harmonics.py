@@ -174,8 +174,7 @@ class BalancedFlow:
     def state(self, lon: Array, lat: Array) -> tuple[Array, Array, Array]:
         """Return eastward wind, northward wind [m s-1] and depth [m] at points [rad]."""
         height = self.height
-        streamfunction = np.zeros_like(height)
-        streamfunction[: len(self.streamfunction), : len(self.streamfunction)] = self.streamfunction
+        streamfunction = np.pad(self.streamfunction, (0, len(height) - len(self.streamfunction)))
         value, east, north = synthesis(np.stack([height, streamfunction]), lon, lat)
         return -north[1] / self.planet.radius, east[1] / self.planet.radius, value[0]
 
@@ -270,8 +269,7 @@ def turbulence(
         raise ConfigError(f"turbulence: speed must be positive, got {speed}")
 
     def spectrum(n: Array) -> Array:
-        ratio: Array = np.sqrt(4.0 * n * wavenumber) / (n + wavenumber)  # 1 at the peak
-        return ratio**100
+        return np.asarray((np.sqrt(4.0 * n * wavenumber) / (n + wavenumber)) ** 100)  # 1 at n0
 
     planet = EARTH if rotating else Planet(EARTH.radius, EARTH.gravity, 0.0)
     streamfunction = random_streamfunction(spectrum, 3 * wavenumber, speed, EARTH.radius, seed)

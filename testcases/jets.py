@@ -156,8 +156,7 @@ def tilted_jet(alpha: float = 0.08, speed: float = 40.0, gaussian: bool = False)
         shape = 1.5 * np.sqrt(3.0) * s**2
         if gaussian:
             shape = np.exp(-(((s - np.sin(np.pi / 4.0)) / 0.2) ** 2)) / np.cos(np.pi / 4.0)
-        flow: Array = EQUATOR_SPEED + speed * shape
-        return flow
+        return np.asarray(EQUATOR_SPEED + speed * shape)
 
     points, weights = np.polynomial.legendre.leggauss(64)  # exact to round-off
 

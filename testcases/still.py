@@ -36,8 +36,7 @@ def lake_at_rest(cone: bool = True, rotating: bool = True) -> Scene:
 def _smooth_bottom(lon: Array, lat: Array) -> Array:
     """Height [m] of a smooth mountain at (3π/2, π/6)."""
     offset = position(lon, lat) - position(1.5 * np.pi, np.pi / 6.0)
-    height: Array = 2000.0 * np.exp(-np.sum(offset**2, axis=-1) / (np.pi / 18.0) ** 2)
-    return height
+    return np.asarray(2000.0 * np.exp(-np.sum(offset**2, axis=-1) / (np.pi / 18.0) ** 2))
 
 
 def splash() -> Scene:

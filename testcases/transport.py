@@ -84,8 +84,7 @@ def _vortex_speed(sine: Array) -> Array:
     rho = 3.0 * np.sqrt(np.maximum(1.0 - sine**2, 0.0))
     safe = np.where(rho > 1e-8, rho, 1.0)
     shape = np.where(rho > 1e-8, np.tanh(safe) / safe, 1.0) / np.cosh(rho) ** 2
-    speed: Array = 1.5 * np.sqrt(3.0) * flows.ANGULAR_SPEED * shape
-    return speed
+    return np.asarray(1.5 * np.sqrt(3.0) * flows.ANGULAR_SPEED * shape)
 
 
 def _rolled_front(point: Array, centre: Array, t: float) -> Array:
