@@ -4,8 +4,6 @@ import gc
 import os
 import sys
 
-__all__ = ["main"]
-
 
 def main() -> None:
     """Run the program `swe-sphere`; Ctrl-C ends it with one line even while it is loading."""

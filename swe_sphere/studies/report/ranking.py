@@ -24,7 +24,6 @@ ERROR = ("kind", "field", "norm", "report_day")
 """Dimensions of the errors of a run, in the order of the fields of `Metric`."""
 
 KINDS = {"total": "total error", "time": "time error", "slow": "slow-flow error"}
-SYMBOLS = {"l1": "l1", "l2": "l2", "linf": "l∞"}
 
 TIMED_ONCE = 0.1
 """Relative uncertainty of the time of a run that was timed once."""
@@ -60,7 +59,7 @@ class Metric:
         """Symbol of the error, such as l2(h)."""
         is_slow = (self.kind, self.field) == ("slow", "vorticity")
         field = "potential vorticity" if is_slow else self.field
-        return f"{SYMBOLS.get(self.norm, self.norm)}({field})"
+        return f"{self.norm.replace('linf', 'l∞')}({field})"
 
     @property
     def kind_title(self) -> str:
