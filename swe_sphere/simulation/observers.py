@@ -9,7 +9,7 @@ import math
 import time
 import uuid
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -486,10 +486,3 @@ def every(
         "every: give one of steps (a positive whole number), hours and days (at least a"
         " millisecond)"
     )
-
-
-def read_callbacks(callbacks: Iterable[Any]) -> list[Observer]:
-    """Return callbacks as observers: functions are called every step; ConfigError for others."""
-    if not isinstance(callbacks, Iterable):
-        raise ConfigError(f"callbacks: give a list of functions, got {callbacks!r}")
-    return [each if isinstance(each, Observer) else Callback(each) for each in callbacks]

@@ -48,7 +48,6 @@ from swe_sphere.simulation.observers import (
     check_finite,
     live_view,
     notify,
-    read_callbacks,
 )
 from swe_sphere.simulation.planning import RunPlan
 from swe_sphere.simulation.restart import OF_ONE_RUN, Restart
@@ -506,7 +505,9 @@ class Simulation(errors.NotCopyable):
         kept = {k: v for k, v in self._configured.given().items() if k not in OF_ONE_RUN}
         kept["outputs"] = self.config.outputs
         config = make_config(kept | asked)
-        observers = read_callbacks(callbacks)
+        if not isinstance(callbacks, Iterable):
+            raise ConfigError(f"callbacks: give a list of functions, got {callbacks!r}")
+        observers = [each if isinstance(each, Observer) else Callback(each) for each in callbacks]
         self.comm.on_root(lambda: restart.check_paths(config))
         days = self.scene.days if config.days is None else config.days
         if overwrite and self.steps and days * DAY <= self.time + 1e-6:
