@@ -15,17 +15,12 @@ from typing import Any, Self, get_type_hints
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swe_sphere.arrays import Array
+from swe_sphere.arrays import Array as Array  # scenes import it from here
 from swe_sphere.equations.effects import EFFECTS, Effect, PointwiseEffect
 from swe_sphere.errors import ConfigError, shown, unknown_name
 from swe_sphere.files.user_file import call_custom
 from swe_sphere.planet import EARTH, Planet
-from swe_sphere.settings.values import SCENE, STEPPER, by_owner, convert, read_settings
-
-__all__ = [
-    "Array", "Parameter", "Rates", "Scalar", "Scene", "State", "UnsteadyState", "UnsteadyTracers",
-    "Wind",
-]  # fmt: skip
+from swe_sphere.settings.values import SCENE, STEPPER, convert, read_settings
 
 Scalar = Callable[[Array, Array], Array]
 """Function (lon, lat) [rad] -> one value per point."""
@@ -216,9 +211,12 @@ def apply_settings(scene: Scene, settings: object) -> Scene:
     settings: as for `read_settings`; settings of the scene itself and of the stepper are skipped.
     Raises ConfigError like `configured_effect`.
     """
-    for name, values in by_owner(read_settings(settings)).items():
-        if name not in (SCENE, STEPPER):
-            scene = scene.with_effect(configured_effect(scene, name, values))
+    of_effects: dict[str, dict[str, Any]] = {}
+    for owner, parameter, value in read_settings(settings):  # the last of a name counts
+        if owner not in (SCENE, STEPPER):
+            of_effects.setdefault(owner, {})[parameter] = value
+    for name, values in of_effects.items():
+        scene = scene.with_effect(configured_effect(scene, name, values))
     return scene
 
 

@@ -5,7 +5,7 @@ Settings read "owner.parameter=value"; the owner is an effect, the scene or the 
 
 import operator
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import reduce
 from pathlib import Path
 from types import NoneType
@@ -95,14 +95,6 @@ def _plain(value: Any) -> object:
     if getattr(value, "ndim", None) == 0 and hasattr(value, "item"):
         return value.item()
     return str(value) if isinstance(value, Path) else value
-
-
-def by_owner(settings: Iterable[Setting]) -> dict[str, dict[str, Any]]:
-    """Return values by the names of owners and of their parameters; the last of a name counts."""
-    values: dict[str, dict[str, Any]] = {}
-    for owner, parameter, value in settings:
-        values.setdefault(owner, {})[parameter] = value
-    return values
 
 
 def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
