@@ -5,12 +5,7 @@ import pkgutil
 from pathlib import Path
 
 from swe_sphere.equations.model import Model
-from swe_sphere.solvers.preconditioners.preconditioner import (
-    COSTS,
-    PRECONDITIONERS,
-    IdentityPreconditioner,
-    Preconditioner,
-)
+from swe_sphere.solvers.preconditioners.preconditioner import COSTS, PRECONDITIONERS, Preconditioner
 
 __all__ = ["PRECONDITIONERS", "Preconditioner", "make_preconditioner"]
 
@@ -27,7 +22,7 @@ def make_preconditioner(
     ConfigError if there is none, or not exactly one in the file; see `Registry.find`.
     """
     kind = PRECONDITIONERS.find(which)
-    if kind is IdentityPreconditioner or model.scene.wind is not None:
+    if kind is PRECONDITIONERS["none"] or model.scene.wind is not None:
         return None
     made = kind(model)  # type: ignore[call-arg]
     made.counters = model.counters
