@@ -4,8 +4,6 @@ Datasets from `swe_sphere.open_run` and `Simulation.to_xarray` have the accessor
 module adds it to all other datasets.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Iterable, Mapping
@@ -240,9 +238,9 @@ class Analysis:
         return self._series(values, ours.times[pairs[:, 0]])
 
     def plot(
-        self, field: str | None = None, time: float | None = None, ax: GeoAxes | None = None,
+        self, field: str | None = None, time: float | None = None, ax: "GeoAxes | None" = None,
         **look: Any,
-    ) -> GeoAxes:  # fmt: skip
+    ) -> "GeoAxes":  # fmt: skip
         """Draw a field on the globe; return the map, which is axes of cartopy.
 
         time: the frame [days since the start]; None for the last. ax: axes of cartopy to draw into,
@@ -257,7 +255,7 @@ class Analysis:
         when = None if time is None else convert("time", float, time) * DAY
         return draw_state(self.frames, field, ax, validate(Look, look), when)
 
-    def animate(self, field: str | None = None, rate: float = 8.0, **look: Any) -> Film:
+    def animate(self, field: str | None = None, rate: float = 8.0, **look: Any) -> "Film":
         """Return all frames as a film of matplotlib, which a notebook shows.
 
         rate: frames per second. look: options as for `plot`. `film.save("jet.gif")` writes a file.
@@ -271,7 +269,7 @@ class Analysis:
         return Film.of(self.frames, field, validate(Look, look), rate)
 
     @property
-    def frames(self) -> Frames:
+    def frames(self) -> "Frames":
         """The frames as a source of pictures."""
         return Frames(self._data, self.mesh)
 

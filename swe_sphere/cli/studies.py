@@ -1,7 +1,5 @@
 """`swe-sphere verify`, `stress` and `ensemble`: cases with their pages, and members of a scene."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from collections.abc import Callable, Iterator, Sequence
@@ -46,7 +44,7 @@ def verify(
     """Measure errors, orders and invariants of the scenes; fail if a bound does not hold."""
     from swe_sphere.studies.cases import choose
 
-    def describe(rows: Sequence[Row]) -> dict[str, object]:
+    def describe(rows: Sequence["Row"]) -> dict[str, object]:
         return {
             "passed": all(row.passed for row in rows), "quick": quick,
             "seconds": sum(row.seconds for row in rows), "rows": [row.as_dict() for row in rows],
@@ -70,7 +68,7 @@ def stress(
     """Run hard cases, check them against bounds, and fail if one of them fails."""
     from swe_sphere.studies.cases import choose, count_outcomes
 
-    def describe(rows: Sequence[Row]) -> dict[str, object]:
+    def describe(rows: Sequence["Row"]) -> dict[str, object]:
         results = [row.as_result() for row in rows]
         return {"quick": quick, **count_outcomes(rows), "results": results}
 
@@ -78,7 +76,7 @@ def stress(
     return _run(context, "stability", cases, describe)
 
 
-def _run(context: typer.Context, folder: str, cases: Sequence[Case], describe: Describe) -> int:
+def _run(context: typer.Context, folder: str, cases: Sequence["Case"], describe: Describe) -> int:
     """Run cases of a folder, print them and write them as a page; return the exit status."""
     from swe_sphere.studies.cases import Measure, count_outcomes, page, run_cases
     from swe_sphere.studies.jobs import checked_jobs
@@ -139,7 +137,7 @@ def _page_file(out: Path, folder: str, quick: bool, words: Sequence[str]) -> Pat
     return file
 
 
-def _shown(found: Iterator[Row]) -> Iterator[Row]:
+def _shown(found: Iterator["Row"]) -> Iterator["Row"]:
     """Yield the rows; print each group's table, and why rows did not pass, after its last row."""
     from swe_sphere.studies.cases.rows import cells_of
 

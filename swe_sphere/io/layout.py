@@ -5,8 +5,6 @@ nodes of the mesh, the (np-1)^2 sub-quads of each element its faces, and data ar
 For tools that support only cell values, the bounds of the coordinates define one cell per node.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
@@ -74,7 +72,7 @@ def frame_fields(tracers: Iterable[str] = ()) -> dict[str, dict[str, str]]:
 def frame_dataset(
     mesh: Mesh, fields: Mapping[str, Array], time: float, attributes: Mapping[str, Any],
     known: Mapping[str, Mapping[str, str]],
-) -> xr.Dataset:  # fmt: skip
+) -> "xr.Dataset":  # fmt: skip
     """Return copies of fields at `time` [s] on (time, node).
 
     fields (N,): by name, with b and f.  known: the wanted fields, with their attributes.
@@ -97,8 +95,8 @@ def frame_dataset(
 def file_dataset(
     mesh: Mesh, attributes: Mapping[str, Any], bottom: ArrayLike, coriolis: ArrayLike,
     fields: Mapping[str, Mapping[str, str]], diagnostics: Mapping[str, Mapping[str, str]],
-    samples: int, profiles: Mapping[str, xr.DataArray],
-) -> xr.Dataset:  # fmt: skip
+    samples: int, profiles: Mapping[str, "xr.DataArray"],
+) -> "xr.Dataset":  # fmt: skip
     """Return a file without frames; the series come last and have space for `samples` samples.
 
     attributes: those of the run. bottom [m], coriolis [s-1]: a number or (N,). fields: the fields
@@ -181,7 +179,7 @@ def in_python(values: Mapping[Any, Any]) -> dict[str, Any]:
     return {str(k): v.tolist() if hasattr(v, "tolist") else v for k, v in values.items()}
 
 
-def decode(data: xr.Dataset, place: object) -> xr.Dataset:
+def decode(data: "xr.Dataset", place: object) -> "xr.Dataset":
     """Return a dataset with its times in seconds since the start, from any units and calendar.
 
     place: file of the dataset, for messages. Raises ConfigError for units that cannot be read.

@@ -1,7 +1,5 @@
 """Streaming of a run to netCDF or Zarr, also when it resumes: CF-1.11, the mesh as UGRID."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -58,7 +56,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
         bottom: ArrayLike = 0.0, tracers: Iterable[str] = (), samples: int = ROOM_FOR_SAMPLES,
         append_from: float | None = None, about: Mapping[str, Mapping[str, str]] | None = None,
         user_fields: Mapping[str, Any] | None = None, coriolis: ArrayLike = 0.0,
-        only: Iterable[str] = (), transform: Callable[[xr.Dataset], xr.Dataset] | None = None,
+        only: Iterable[str] = (), transform: Callable[["xr.Dataset"], "xr.Dataset"] | None = None,
     ) -> None:  # fmt: skip
         self.path, self._mesh, self._samples = Path(path), mesh, samples
         self._transform = transform
@@ -171,7 +169,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _make(self, diagnostics: Iterable[str], frame: xr.Dataset | None) -> None:
+    def _make(self, diagnostics: Iterable[str], frame: "xr.Dataset | None") -> None:
         """Write the whole file except new frames and samples; frame: the first one on a grid."""
         times, earlier = (np.zeros(0), {}) if self._earlier is None else self._earlier.series()
         self._series = tuple(dict.fromkeys((*diagnostics, *earlier)))
@@ -194,7 +192,7 @@ class FrameWriter(AbstractContextManager["FrameWriter"]):
             sample = {name: earlier[name][k] for name in self._series if name in earlier}
             self._growing.add_sample(self._sample(time, sample))
 
-    def _copy_frames(self, new: xr.Dataset) -> None:
+    def _copy_frames(self, new: "xr.Dataset") -> None:
         """Copy the frames of the earlier run; raises ConfigError if they contain other fields.
 
         Frames that the run wrote after its last checkpoint are omitted: they are written again.
