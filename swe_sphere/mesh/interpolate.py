@@ -1,11 +1,9 @@
 """Spectral-element interpolation of nodal fields to arbitrary points of the sphere."""
 
-from __future__ import annotations  # scipy.sparse is loaded where it is used
-
 import functools
 
 import numpy as np
-import scipy
+import scipy  # of which `sparse` is loaded where it is used, so that annotations quote it
 from numpy.typing import ArrayLike
 
 from swe_sphere.arrays import Array
@@ -40,7 +38,7 @@ class Interpolator:
         self._tile = functools.cache(self._build_tile) if keeps else self._build_tile
 
     @property
-    def matrix(self) -> scipy.sparse.csr_array:
+    def matrix(self) -> "scipy.sparse.csr_array":
         """CSR matrix (points, N) with np^2 entries per row."""
         return scipy.sparse.vstack([*map(self._tile, self._starts)], format="csr")
 
@@ -59,7 +57,7 @@ class Interpolator:
         east, north = frame(self._lon, self._lat)
         return np.sum(values * east, axis=-1), np.sum(values * north, axis=-1)
 
-    def _build_tile(self, start: int) -> scipy.sparse.csr_array:
+    def _build_tile(self, start: int) -> "scipy.sparse.csr_array":
         """Return the rows of the matrix for the tile of points that begins at `start`."""
         mesh = self.mesh
         lon, lat = (x.ravel()[start : start + TILE] for x in (self._lon, self._lat))
