@@ -13,6 +13,7 @@ import statistics
 import subprocess
 import sys
 from functools import cache
+from itertools import product
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated, Any
@@ -34,10 +35,14 @@ MPIEXEC = Path(sys.executable).with_name("mpiexec")
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
 """Environment that gives BLAS one thread, as in runs on several ranks."""
 ROUNDS = 6
-NE, WEAK, TINY, SMALL = 30, 21, 4, 6
-"""ne of the timed meshes (5400 elements, half as many, few), and for more ranks than cores."""
+NE, TINY, SMALL = 30, 4, 6
+"""ne of the mesh on which the model is based, of few elements, and for more ranks than cores."""
+HALF = {NE: 21, 60: 42}
+"""ne of the timed meshes, and of those with half as many elements."""
 APART = -2
 """Number of ranks that stands for two independent processes."""
+CASES = [(TINY, 0), *product(HALF, (0, 2)), *product(HALF.values(), (0, APART))]
+"""The timed cases: ne and number of ranks."""
 BUSY = 1.5
 """Ratio of median to least time above which other programs must have been running."""
 LARGE = 1024
@@ -73,7 +78,7 @@ def timed() -> dict[tuple[int, int], dict[str, Any]]:
     """Return the measurements of all rounds by (ne, ranks), then by stepper."""
     found: dict[tuple[int, int], dict[str, Any]] = {}
     for _ in range(ROUNDS):
-        for which in ((NE, 0), (NE, 2), (WEAK, 0), (WEAK, APART), (TINY, 0)):
+        for which in CASES:
             ne, ranks = which
             several = beside(2, 0, "steps", ne) if ranks == APART else [child(ranks, "steps", ne)]
             for name, told in (pair for each in several for pair in each.items()):
@@ -115,18 +120,18 @@ def rim() -> float:
     return traffic(NE, 2).on_the_rim / 2 / (4 * NE)
 
 
-def step(name: str) -> Step:
+def step(name: str, ne: int = NE) -> Step:
     """Return times [s] of a step on one process and counts on two ranks."""
-    alone, two = timed()[NE, 0][name], timed()[NE, 2][name]
+    alone, two = timed()[ne, 0][name], timed()[ne, 2][name]
     did = {key: two["traffic"].get(key, 0.0) for key in (
         "exchanges", "bytes", "sums", "sums bytes", "coarse", "coarse bytes",
     )}  # fmt: skip
     of_rank = {key: did[key] / 2 for key in ("exchanges", "sums", "coarse")}
-    sent = traffic(NE, 2).on_the_rim
+    sent = traffic(ne, 2).on_the_rim
     large, tiny = least(alone["times"]), least(timed()[TINY, 0][name]["times"])
-    fixed = max(0.0, tiny - TINY**2 * (large - tiny) / (NE**2 - TINY**2))
+    fixed = max(0.0, tiny - TINY**2 * (large - tiny) / (ne**2 - TINY**2))
     return Step(
-        6 * NE**2, large, fixed, alone["sweeps seconds"],
+        6 * ne**2, large, fixed, alone["sweeps seconds"],
         alone["longest seconds"], of_rank["exchanges"],
         did["bytes"] / sent / of_rank["exchanges"], of_rank["sums"],
         did["sums bytes"] / max(of_rank["sums"], 1.0), of_rank["coarse"],
@@ -170,29 +175,30 @@ def counts() -> Section:
 def measured() -> Section:
     """Times of two ranks and of one process, measured and by the model."""
     found, net, rows = timed(), network(), []
-    for name in STEPPERS:
+    for (ne, small), name in product(HALF.items(), STEPPERS):
         one, two, half, apart = (
-            found[which][name]["times"] for which in ((NE, 0), (NE, 2), (WEAK, 0), (WEAK, APART))
+            found[which][name]["times"] for which in ((ne, 0), (ne, 2), (small, 0), (small, APART))
         )
-        of, two_ranks = step(name), np.array([2.0])
+        of, two_ranks = step(name, ne), np.array([2.0])
         model = as_it_is(of, of.elements, two_ranks, net, rim())[0]
-        by_model = of.fixed + (of.seconds - of.fixed) * WEAK**2 / NE**2
+        by_model = of.fixed + (of.seconds - of.fixed) * small**2 / ne**2
         usual = statistics.median(one) / statistics.median(two)
-        possible = WEAK**2 / NE**2 * least(one) / least(apart) * 2.0
+        possible = small**2 / ne**2 * least(one) / least(apart) * 2.0
         rows.append([
-            name, *(f"{1e3 * least(t):.2f} ({1e3 * statistics.median(t):.2f})" for t in (one, two)),
+            f"{name}, ne {ne}",
+            *(f"{1e3 * least(t):.2f} ({1e3 * statistics.median(t):.2f})" for t in (one, two)),
             f"{least(one) / least(two):.2f} × ({usual:.2f} ×)", f"{possible:.2f} ×",
             f"{of.seconds / model:.2f} ×", f"{least(half) / least(two):.2f}",
             f"{by_model / model:.2f}",
         ])  # fmt: skip
     return Section(
         "Two ranks, measured and by the model",
-        f"Time of a step on ne {NE}: the mean over {PIECES} segments of a run, each the shortest "
-        f"of {ROUNDS} rounds; the median of all is in brackets. Weak: time of a step on ne "
-        f"{WEAK} with one process over the time on ne {NE} with two ranks. ne {WEAK} has half as "
-        "many elements less 2 %, so that 0.98 would be no loss. Apart: gain of two independent "
-        f"processes on ne {WEAK} at the same time, each with half of ne {NE}, which is an upper "
-        "bound for two cores and their memory. The model includes neither caches that two ranks "
+        f"Time of a step: the mean over {PIECES} segments of a run, each the shortest of {ROUNDS} "
+        "rounds; the median of all is in brackets. Weak: time of a step on a mesh of half as "
+        f"many elements less 2 % (ne {' and '.join(map(str, HALF.values()))}) with one process "
+        "over the time with two ranks; 0.98 would be no loss. Apart: gain of two independent "
+        "processes on that mesh at the same time, which is an upper bound for two cores and "
+        "their memory. The model includes neither caches that two ranks "
         "share nor the iterations of another mesh. It therefore overestimates weak scaling, and "
         "the gain of two ranks with a solver. A message between the two ranks takes "
         f"{1e6 * net.latency:.1f} µs, and {net.bandwidth / 1e9:.1f} GB/s." + disturbed(),
