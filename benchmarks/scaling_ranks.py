@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import json
 import sys
@@ -36,6 +37,7 @@ def measure(stepper: str, ne: int, pieces: int = PIECES) -> dict[str, Any]:
     """Return times of a step [s] by segment, counts of all ranks per step, a hash of the state."""
     traffic, at_once = Counted(world()), STEPPERS[stepper][1]
     sim = started(stepper, ne)
+    gc.collect()  # earlier simulations
     before, times = traffic.counts(), []
     for _ in range(pieces):
         start = time.perf_counter()
