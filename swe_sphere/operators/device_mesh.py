@@ -317,18 +317,16 @@ class DeviceMesh(NotCopyable):
         A thread processes `lanes` numbers, by default those of a register, or one in the remainder
         of a span. The first argument of the kernel is its first number; callers give the others.
         Values in transit from other ranks are awaited before the first span outside the strips.
+        Without strips in a recording and values in transit, all nodes are one span.
         """
-        runs, lanes = [], lanes or self.lanes
-        for span in spans or self.spans(begin):
-            whole = span.begin + (span.end - span.begin) // lanes * lanes
-            for n, a, b in (lanes, span.begin, whole), (1, whole, span.end):
-                if a < b:
-                    made = specialise(kernel, Register(self.real, n)), (b - a) // n, a
-                    runs.append((made, span.cut(a, b, n), span.on_rim))
-        self.launch.load(*(made[0] for made, *_ in runs))
+        lanes = lanes or self.lanes
+        parts = self._runs(kernel, spans or self.spans(begin), lanes)
+        whole = self._runs(kernel, spans or [Span(begin, self.size)], lanes)
+        self.launch.load(*(made[0] for made, *_ in (*parts, *whole)))
 
         def launch_all(*arguments: Any) -> None:
-            for made, cuts, on_rim in runs:
+            in_parts = self.launch.defer or self._awaited
+            for made, cuts, on_rim in parts if in_parts else whole:
                 if cuts is None:
                     self.wait()
                 self.launch(*made, *arguments, cuts=cuts, on_rim=on_rim)
@@ -336,9 +334,20 @@ class DeviceMesh(NotCopyable):
 
         return launch_all
 
+    def _runs(self, kernel: Any, spans: Iterable[Span], lanes: int) -> list[tuple[Any, ...]]:
+        """Return for each launch: kernel, threads, first number; its cuts; if it is on the rim."""
+        runs = []
+        for span in spans:
+            whole = span.begin + (span.end - span.begin) // lanes * lanes
+            for n, a, b in (lanes, span.begin, whole), (1, whole, span.end):
+                if a < b:
+                    made = specialise(kernel, Register(self.real, n)), (b - a) // n, a
+                    runs.append((made, span.cut(a, b, n), span.on_rim))
+        return runs
+
     def launch_over_fields(self, kernel: Any, numbers: int, *inputs: Any) -> None:
         """Launch a kernel, whose first argument is its first number, over fields (numbers,)."""
-        if self.strips is None:
+        if self.strips is None or self.launch.defer is None:
             self.launch(kernel, numbers, 0, *inputs)
             return
         for field in range(0, numbers, self.size):
