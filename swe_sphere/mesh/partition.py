@@ -96,7 +96,7 @@ def check_ranks(ne: int, ranks: int) -> None:
         )
 
 
-RINGED = 6 * 16**2 * 4**2
+RINGED = 6 * 20**2 * 4**2
 """Number of element nodes from which a part of a mesh is computed in strips, and a whole mesh
 in rings: the caches hold smaller ones."""
 
