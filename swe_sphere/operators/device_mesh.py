@@ -268,8 +268,10 @@ class DeviceMesh(NotCopyable):
         computed. wait: False if a function of `over_nodes` reads the results; it waits for those of
         other ranks.
         """
-        away, each = self.away, threads[1:] if isinstance(threads, tuple) else ()
-        cuts = None if self.strips is None else self.strips.groups
+        each, cuts = threads[1:] if isinstance(threads, tuple) else (), None
+        away = self.groups if field is None else self.away
+        if self.strips is not None:
+            away, cuts = self.away, self.strips.groups
         if away < self.groups:
             on_rim = cuts is not None  # otherwise these may be all
             self.launch(kernel, (self.groups - away, *each), away, *inputs, on_rim=on_rim)
