@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import index, kernel, real, specialise, value, vector
+from swe_sphere.kernels.define import index, kernel, real, source, specialise, value, vector
 from swe_sphere.kernels.simd.arithmetic import (
     add_functions,
     columns_products,
@@ -59,13 +59,7 @@ def assemble(four: Places, more: Places, field: vector, out: vector):
     out[row] = total
 
 
-WIDEN = """[&] {
-    number each[lanes];
-    for (int lane = 0; lane < lanes; ++lane)
-        each[lane] = number(values.data[k * lanes + lane]);
-    return *runs(each);
-}()"""
-runs_sum = entries_sum("*runs(from)", WIDEN, wp.int16)
+runs_sum = entries_sum("*runs(from)", source("converted_entry"), wp.int16)
 numbers_sum = entries_sum("*from", "runs(values.data)[k]", value)
 
 

@@ -156,7 +156,7 @@ class Partition:
         ranks = self._rank[element]
         lowest, highest = (f.reduceat(ranks, offsets) for f in (np.minimum, np.maximum))
         on_rim = (lowest != highest)[mesh.nodes].any(axis=(1, 2))
-        self._late = sizes < per_chunk * chunked
+        self._late = sizes < per_chunk
         """(chunks,) True for chunks that come last on their rank: on the rim, or not full."""
         self._late[chunk[on_rim]] = True
         position = inverse_permutation(self._chunk_order(sizes))

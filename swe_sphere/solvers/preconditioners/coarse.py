@@ -249,8 +249,8 @@ NEGLIGIBLE = 0.01
 """Size of omitted couplings of computational modes, relative to the diagonal."""
 RIDGE = 1e-4
 """Relative increase of the diagonal of a matrix of long waves, which may depend on one another."""
-INVISIBLE = 1e-4
-"""Size of omitted entries of an inverse, relative to the diagonal."""
+DROP_TOLERANCE = 1e-4
+"""Largest size of omitted entries of an inverse, relative to the diagonal."""
 SMALL = 1e-6
 """Sum of the coefficients of a wave up to which it counts as zero."""
 STEPS = 5
@@ -386,8 +386,8 @@ def _inverse(
 ) -> scipy.sparse.csr_array:
     """Return the inverse (m, m) of a symmetric matrix (V, V) in the space of waves (V, m).
 
-    Of short steps it falls off within a few functions. In float32, most of the rest would be so
-    small that processors are many times slower.
+    For short steps it falls off within a few functions. In float32, most of the other entries
+    would be subnormal numbers, with which processors are many times slower.
     """
     few = (waves.T @ matrix @ waves).toarray(order="F")
     diagonal = np.diag_indices_from(few)
@@ -395,7 +395,7 @@ def _inverse(
     root, _ = scipy.linalg.lapack.dpotrf(few, overwrite_a=True)
     few, _ = scipy.linalg.lapack.dpotri(root, overwrite_c=True)  # the upper triangle
     scale = np.sqrt(few[diagonal])
-    few[np.abs(few) < INVISIBLE * scale * scale[:, None]] = 0.0
+    few[np.abs(few) < DROP_TOLERANCE * scale * scale[:, None]] = 0.0
     few[diagonal] *= 0.5
     half = scipy.sparse.csr_array(few, dtype=np.float32)
     return half + half.T
