@@ -8,6 +8,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+import warp as wp
 from support import EXPONENTIAL, make_scene, random_state, relative, some
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -18,6 +19,7 @@ from swe_sphere.errors import ConfigError, RunFailed, SolverFailed
 from swe_sphere.io.integrals import flow_integrals
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
+from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.average_vector_field import PoissonTendency
 from swe_sphere.testcases import get_scene
@@ -280,24 +282,44 @@ def test_starting_again_forgets_the_past(small_mountain, name: str) -> None:
     assert used.state.numpy().tobytes() == fresh.state.numpy().tobytes()
 
 
-def test_jacobian_of_coupled_stages_is_exact(small_mountain) -> None:
+@pytest.mark.parametrize(("precision", "most"), [("float64", 1e-9), ("float32", 1e-4)])
+def test_jacobian_of_coupled_stages_is_exact(small_mountain, precision, most, monkeypatch) -> None:
     """The residual is quadratic: half a central difference of any width is the derivative."""
     n = small_mountain.size
+    if precision == "float64":
+        monkeypatch.setattr(Model, "for_solves", property(lambda model: model))
     problem = STEPPERS["gauss-legendre"](small_mountain, HOUR).solver.problem
     problem.tau, problem.rhs = HOUR, small_mountain.initial_state()
     point, ahead = (random_state(small_mountain, seed) for seed in (1, 2))
     pair = np.concatenate([point, ahead])
     direction = np.random.default_rng(3).standard_normal(2 * n)
 
-    def evaluate(function, x: np.ndarray) -> np.ndarray:
-        out = problem.space.zeros()
-        function(small_mountain.device_mesh.upload(x), out)
+    def evaluate(function, space: VectorSpace, x: np.ndarray) -> np.ndarray:
+        out = space.zeros()
+        function(wp.array(x, dtype=space.real, device="cpu"), out)
         return out.numpy()
 
     problem.linearise(small_mountain.device_mesh.upload(pair))
-    product = evaluate(problem.jacobian, direction)
-    sides = [evaluate(problem.residual, pair + s * direction) for s in (1.0, -1.0)]
-    assert relative(product, 0.5 * (sides[0] - sides[1]), 6) < 1e-9
+    product = evaluate(problem.jacobian, problem.linear_space, direction)
+    sides = [evaluate(problem.residual, problem.space, pair + s * direction) for s in (1.0, -1.0)]
+    assert product.dtype == precision
+    assert relative(product, 0.5 * (sides[0] - sides[1]), 6) < most
+
+
+@pytest.mark.parametrize("name", some(SOLVES))
+def test_linear_systems_in_float32_give_the_same_steps(small_mountain, name, monkeypatch) -> None:
+    """With as many Newton iterations, if the tolerance is that of a run, or fewer than twice."""
+    for tolerance, share in ((None, 1.0), (1e-10, 1.9)):
+        ours = advance(name, small_mountain, HOUR, 4, tolerance=tolerance)
+        with monkeypatch.context() as patch:
+            patch.setattr(Model, "for_solves", property(lambda model: model))
+            exact = advance(name, small_mountain, HOUR, 4, tolerance=tolerance)
+        assert ours.solver.problem.linear_space.real is wp.float32
+        assert exact.solver.problem.linear_space.real is wp.float64
+        iterations = (each.counters["newton_iterations"] for each in (ours, exact))
+        assert next(iterations) <= share * next(iterations)
+        error = relative(ours.state.numpy(), exact.state.numpy(), 3)
+        assert error < (1e-4 if tolerance is None else 1e-11), error
 
 
 @pytest.mark.parametrize("name", some(ALL))

@@ -112,14 +112,16 @@ def solve(
     weights: np.ndarray | None = None,
     size: int = 40,
     kernels: bool = False,
+    linear: type | None = None,
     **options: object,
 ) -> tuple[NewtonResult, np.ndarray]:
-    """Result and solution."""
+    """Result and solution; linear: number type of the linear solves, `real` by default."""
     guess = np.asarray(guess, dtype=np.float64)
     weights = np.ones(guess.size) if weights is None else weights
-    space = (DeviceSpace if kernels else VectorSpace)(weights, real=real)
+    kind = DeviceSpace if kernels else VectorSpace
+    space = kind(weights, real=real)
     x = wp.array(guess, dtype=real, device="cpu")
-    problem.gmres = Noting(space, size)
+    problem.gmres = Noting(kind(weights, real=linear or real), size)
     newton = NewtonKrylov(space, problem.gmres, **options)
     result = newton.solve(problem, x, rtol, scale)
     return result, x.numpy().astype(np.float64)
@@ -127,16 +129,26 @@ def solve(
 
 @pytest.mark.parametrize("kernels", [False, True])
 @pytest.mark.parametrize("preconditioned", [False, True])
-def test_bratu_against_scipy(preconditioned: bool, kernels: bool) -> None:
+@pytest.mark.parametrize("linear", [wp.float64, wp.float32])
+def test_bratu_against_scipy(linear: type, preconditioned: bool, kernels: bool) -> None:
     problem, zero = bratu(preconditioned), np.zeros(SIDE**2)
     expected = scipy.optimize.newton_krylov(problem.f, zero, f_tol=1e-12)
-    result, u = solve(problem, zero, rtol=1e-10, kernels=kernels)
+    result, u = solve(problem, zero, rtol=1e-10, kernels=kernels, linear=linear)
     assert result.status is Status.CONVERGED
     assert u == pytest.approx(expected, abs=1e-8)
     assert result.newton_iterations <= 7
     assert np.linalg.norm(problem.f(u)) <= 1e-10 * np.linalg.norm(problem.f(zero))
     if preconditioned:
         assert result.krylov_iterations < 25
+
+
+@pytest.mark.parametrize("kernels", [False, True])
+def test_linear_systems_in_float32_leave_no_larger_residual(kernels: bool) -> None:
+    problem, zero = bratu(), np.zeros(SIDE**2)
+    result, u = solve(problem, zero, rtol=0.0, kernels=kernels, linear=wp.float32)
+    assert result.converged and result.roundoff
+    assert np.linalg.norm(problem.f(u)) <= 1e-14 * np.linalg.norm(u)
+    assert min(problem.gmres.forcing) > 1e-5
 
 
 def test_reaction_diffusion_step_against_scipy() -> None:

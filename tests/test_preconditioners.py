@@ -51,6 +51,7 @@ class Newton:
     def __init__(self, ne: int, stretch: float = 1.0, settings: tuple[str, ...] = ()) -> None:
         mesh = Mesh.build(ne, 4, stretch=stretch, centre=(270.0, 30.0))
         self.model = Model(mesh, apply_settings(get_scene("williamson5"), settings))
+        self.model.for_solves = self.model  # linear systems in float64
         dt = HOUR / np.ceil((1.0 + len(settings)) * 0.5 * ne * stretch)
         stepper = RK4(self.model, dt)
         stepper.start(self.model.initial_state())

@@ -20,28 +20,13 @@ from swe_sphere.ranks.communicator import Communicator
 
 
 class DiscreteScene(NotCopyable):
-    """A scene on the nodes of a mesh: its coefficients and fields on the device.
+    """A scene on the nodes of a mesh: its coefficients and fields on the device."""
 
-    Arguments and errors are those of `Model`.
-    """
-
-    def __init__(
-        self, mesh: Mesh, scene: Scene, device: str, precision: str, shape: str | None,
-        comm: Communicator,
-    ) -> None:  # fmt: skip
-        if precision not in REALS:
-            raise ConfigError(f"precision must be float64 or float32, got {precision!r}")
-        device = find_device(device, comm.local)
-        if comm.shared:
-            wp.set_device(device)  # MPI takes the current device for that of the rank
-        shape = shape or ("element" if device == "cpu" else "node")
-        if shape not in ("element", "node"):
-            raise ConfigError(f"launch must be element or node, got {shape!r}")
-        if shape == "element" and device != "cpu":
-            raise ConfigError("launch=element is for CPUs: leave launch out")
-        self.mesh, self.scene, self.comm = mesh, scene, comm
-        self.device, self.shape, self.precision = device, shape, precision
-        self.device_mesh = DeviceMesh(mesh, device, REALS[precision], shape, comm)
+    def __init__(self, scene: Scene, device_mesh: DeviceMesh) -> None:
+        mesh = device_mesh.mesh
+        self.mesh, self.scene, self.device_mesh = mesh, scene, device_mesh
+        self.comm, self.device, self.shape = device_mesh.comm, device_mesh.device, device_mesh.shape
+        self.precision = device_mesh.numpy_real.name
         self.launch = self.device_mesh.launch
         self.counters: dict[str, float] = {"rhs_evaluations": 0, "tangent_evaluations": 0}
         """Counts by name (evaluations, set-ups, ...), and seconds for names that end in seconds."""
@@ -110,6 +95,23 @@ class DiscreteScene(NotCopyable):
         """Update the prescribed wind and the forcing to time t [s]."""
         self.wind.set_time(t)
         self.forcing.set_time(t)
+
+
+def place_mesh(
+    mesh: Mesh, device: str, precision: str, shape: str | None, comm: Communicator
+) -> DeviceMesh:
+    """Return the mesh on a device; arguments and errors are those of `Model`."""
+    if precision not in REALS:
+        raise ConfigError(f"precision must be float64 or float32, got {precision!r}")
+    device = find_device(device, comm.local)
+    if comm.shared:
+        wp.set_device(device)  # MPI takes the current device for that of the rank
+    shape = shape or ("element" if device == "cpu" else "node")
+    if shape not in ("element", "node"):
+        raise ConfigError(f"launch must be element or node, got {shape!r}")
+    if shape == "element" and device != "cpu":
+        raise ConfigError("launch=element is for CPUs: leave launch out")
+    return DeviceMesh(mesh, device, REALS[precision], shape, comm)
 
 
 def _parameters(scene: Scene, on: DeviceMesh, bottom: Array) -> dict[str, Any]:

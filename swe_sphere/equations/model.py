@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.equations.discrete_scene import DiscreteScene
+from swe_sphere.equations.discrete_scene import DiscreteScene, place_mesh
 from swe_sphere.equations.effects import Effect
 from swe_sphere.equations.jacobian import DifferenceJacobian, ExactJacobian, Jacobian
 from swe_sphere.equations.right_hand_side import (
@@ -49,8 +49,11 @@ class Model(DiscreteScene):
         self, mesh: Mesh, scene: Scene, device: str = "cpu", precision: str = "float64",
         shape: str | None = None, comm: Communicator | None = None,
     ) -> None:  # fmt: skip
-        super().__init__(mesh, scene, device, precision, shape, comm or Communicator())
+        placed = place_mesh(mesh, device, precision, shape, comm or Communicator())
+        super().__init__(scene, placed)
         self._append_carried(flux=False)
+        if not (self.diffusive or self.penalised):  # steppers may apply those terms separately
+            _ = self.tendency
 
     def _append_carried(self, flux: bool) -> None:
         """Add tracers to states after wind and depth, or the mass flux that carries them."""
@@ -66,8 +69,6 @@ class Model(DiscreteScene):
         self.size = len(self.names) * self.device_mesh.size
         if self.size >= 2**31:
             raise ConfigError("a state has more than 2^31 numbers on one rank: take more ranks")
-        if not (self.diffusive or self.penalised):  # steppers may apply those terms separately
-            _ = self.tendency
 
     @cached_property
     def limiter(self) -> Limiter | None:
@@ -114,6 +115,23 @@ class Model(DiscreteScene):
     def flux_model(self) -> "Model":
         """The model with the mass flux in place of tracers; it shares all other arrays."""
         return self._alike(self.scene, True, self.held)
+
+    @cached_property
+    def for_solves(self) -> "Model":
+        """The model in float32, for the linear systems of Newton's method.
+
+        It is this model itself if it has tracers, whose mixing ratios must stay constant to
+        round-off, if difference quotients replace derivatives, and in linear dynamics, where one
+        solve must reach the tolerance.
+        """
+        exact = self.carried is None and all(e.differentiable for e in self.scene.effects)
+        if self.precision == "float32" or self.scene.linear or not exact:
+            return self
+        other = Model.__new__(Model)
+        DiscreteScene.__init__(other, self.scene, self.device_mesh.like(wp.float32, self.shape))
+        other.counters = self.counters
+        other._append_carried(flux=False)
+        return other
 
     def _alike(self, scene: Scene, carries_flux: bool, held: wp.array | None) -> "Model":
         """Return a model with fewer effects, or other fields after wind and depth."""

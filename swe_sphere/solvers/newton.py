@@ -15,7 +15,8 @@ from swe_sphere.equations.right_hand_side import Operator
 from swe_sphere.solvers.krylov import FlexibleGMRES, SolveResult, Status
 from swe_sphere.solvers.vector_space import VectorSpace
 
-# The unknown cannot resolve a correction of so few of its round-offs.
+# The unknown cannot resolve a correction of so few of its round-offs, nor a linear solve reduce its
+# residual to so few.
 ROUNDOFFS = 1e3
 # Least reduction of the guess's residual; accepting every guess would be an explicit scheme.
 LEAST_GAIN = 0.5
@@ -94,7 +95,11 @@ class NewtonResult(SolveResult):
 
 
 class NewtonKrylov:
-    """Solver of F(x) = 0; keep the instance: it allocates four vectors once."""
+    """Solver of F(x) = 0; keep the instance, as it allocates only once.
+
+    The space of `gmres`, which solves the linear systems, may be of float32: later iterations
+    correct the error, because they start from residuals in the number type of `space`.
+    """
 
     def __init__(
         self, space: VectorSpace, gmres: FlexibleGMRES, max_iterations: int = 20,
@@ -108,6 +113,7 @@ class NewtonKrylov:
         """Last measured nonlinearity, kept from solve to solve; see `forcing_term`."""
         self._residual, self._trial_residual = space.zeros(), space.zeros()
         self._trial, self._direction = space.zeros(), space.zeros()
+        self._rhs, self._solution = gmres.space.zeros(), gmres.space.zeros()
 
     def solve(
         self, problem: Problem, x: wp.array, rtol: float = 1e-6, scale: float | None = None,
@@ -138,11 +144,14 @@ class NewtonKrylov:
         """Take one Newton iteration, which ends the solve if it is the last."""
         norm = p.residual
         eta = self.forcing(norm, p.target, self.nonlinearity)
+        space = self.gmres.space
         problem.linearise(x)
         linear = self.gmres.solve(
-            problem.jacobian, self._residual, self._direction, problem.precondition, rtol=eta,
+            problem.jacobian, space.converted(self._residual, self._rhs), self._solution,
+            problem.precondition, rtol=max(eta, ROUNDOFFS * space.epsilon),
             max_iterations=self.max_krylov, scale=norm, guess=False,
         )  # fmt: skip
+        d = self.space.converted(self._solution, self._direction)
         p.newton_iterations += 1
         p.krylov_iterations += linear.iterations
         if linear.status is Status.NAN:
@@ -154,11 +163,11 @@ class NewtonKrylov:
 
         def trial(length: float) -> float:
             """Return |F| at x - length d, and store point and residual in the trial vectors."""
-            self.space.axpby(-length, self._direction, 1.0, x, self._trial)
+            self.space.axpby(-length, d, 1.0, x, self._trial)
             problem.residual(self._trial, self._trial_residual)
             return self.space.norm(self._trial_residual)
 
-        reached, d, tiny = linear.residual / norm, self._direction, False
+        reached, tiny = linear.residual / norm, False
         if reached < 0.5:
             correction, size = np.sqrt(self.space.dots((d, d), (x, x)))
             tiny = bool(correction <= ROUNDOFFS * self.space.epsilon * size)

@@ -37,7 +37,7 @@ class VectorSpace:
     """
 
     copy: Callable[[wp.array, wp.array], None]
-    """Function copy(source, target) that sets target = source."""
+    """Function copy(source, target) that sets target = source, of any number type."""
     clear: Callable[[wp.array], None]
     """Function clear(x) that sets x = 0."""
     scale: Callable[[float, wp.array], None]
@@ -106,6 +106,13 @@ class VectorSpace:
         In the memory of a CPU a row occupies memory only once it is written.
         """
         return wp.empty((rows, self.n), dtype=self.real, device=self.device)
+
+    def converted(self, x: wp.array, out: wp.array) -> wp.array:
+        """Return x if it has the number type of the space, else `out` with the same vector."""
+        if x.dtype is self.real:
+            return x
+        self.copy(x, out)
+        return out
 
     def axpy(self, a: float, x: wp.array, y: wp.array) -> None:
         """Set y = y + a x."""
@@ -196,7 +203,9 @@ class HostSpace(VectorSpace):
         return int(x.ptr)
 
     def copy(self, source: wp.array, target: wp.array) -> None:
-        np.copyto(self.view(target), self.view(source))
+        values = self.view(source) if source.dtype is self.real else source.numpy()
+        with np.errstate(over="ignore"):  # a number beyond float32 becomes infinite
+            np.copyto(self.view(target), values, casting="same_kind")
 
     def clear(self, x: wp.array) -> None:
         self.view(x).fill(0.0)
@@ -267,7 +276,7 @@ class DeviceSpace(VectorSpace):
         self._products = np.empty(rows)
 
     def copy(self, source: wp.array, target: wp.array) -> None:
-        wp.copy(target, source)
+        wp.utils.array_cast(source, target)
 
     def clear(self, x: wp.array) -> None:
         x.zero_()

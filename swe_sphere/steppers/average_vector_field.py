@@ -78,7 +78,7 @@ class AverageProblem(StageProblem):
         self._mean, self._loss = model.zeros(), model.zeros()
 
     def linearise(self, x: wp.array) -> None:
-        self._operator.update(self._mean_of(x), self.time)
+        super().linearise(self._mean_of(x))
 
     def _evaluate(self, x: wp.array) -> None:
         if self._average is None:

@@ -120,10 +120,8 @@ class TRBDF2(DiagonallyImplicit):
         scheme damps (Hosea & Shampine 1996); it is used if it is smaller, or if the solve fails.
         """
         difference = super().error_estimate()
-        damped = self.space.zeros()
         tau = self.a[-1][-1] * self._attempted
-        solved = self.solver.solve_linear(tau, self.state, self._rhs, damped, ROUGH)
-        return min(difference, self.space.norm(damped)) if solved else difference
+        return min(difference, self.solver.norm_of_solution(tau, self.state, self._rhs, ROUGH))
 
 
 class BDF2(ImplicitStepper):

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from swe_sphere.solvers.preconditioners import Preconditioner, make_precondition
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.implicit import ImplicitStepper, StageProblem
 from swe_sphere.steppers.stability import error_constant
-from swe_sphere.steppers.stage_solver import energy_weights
+from swe_sphere.steppers.stage_solver import energy_space
 
 _ROOT = math.sqrt(3.0)
 A = ((0.25, 0.25 - _ROOT / 6.0), (0.25 + _ROOT / 6.0, 0.25))
@@ -69,13 +70,17 @@ class CoupledStages(StageProblem):
 
     def __init__(self, model: Model, single: VectorSpace, preconditioner: str) -> None:
         """Create the problem; `single` is the space of one stage."""
-        self._model, self._single = model, single
-        # mean over the stages, so that a tolerance has its meaning for one state
-        self.space = VectorSpace(np.tile(energy_weights(model), 2) / 2.0, mesh=model.device_mesh)
-        parts = [made for _ in C if (made := make_preconditioner(preconditioner, model))]
-        self.precondition = ForwardElimination(model, single, parts) if parts else None
-        self._slopes = single.stack(len(C))
-        self._jacobians = [model.jacobian() for _ in C]
+        self._model, self._linear = model, model.for_solves
+        exact = self._linear is model
+        self._single, self._lone = single, single if exact else energy_space(self._linear)
+        # means over the stages, so that a tolerance has its meaning for one state
+        self.space = energy_space(model, len(C))
+        self.linear_space = self.space if exact else energy_space(self._linear, len(C))
+        parts = [made for _ in C if (made := make_preconditioner(preconditioner, self._linear))]
+        self.precondition = ForwardElimination(self._linear, self._lone, parts) if parts else None
+        self._slopes, self._images = single.stack(len(C)), self._lone.stack(len(C))
+        self._jacobians = [self._linear.jacobian() for _ in C]
+        self.converted = partial(self._lone.converted, out=self._linear.zeros())
 
     def residual(self, x: wp.array, out: wp.array) -> None:
         """Set out_i = X_i - x - dt sum_j a_ij F(X_j)."""
@@ -87,15 +92,15 @@ class CoupledStages(StageProblem):
 
     def linearise(self, x: wp.array) -> None:
         for jacobian, stage, c in zip(self._jacobians, split(x), C, strict=True):
-            jacobian.update(stage, self.time + c * self.tau)
+            jacobian.update(self.converted(stage), self.time + c * self.tau)
 
     def jacobian(self, d: wp.array, out: wp.array) -> None:
         """Set out_i = d_i - dt sum_j a_ij J(X_j) d_j."""
         directions = split(d)
         for i, jacobian in enumerate(self._jacobians):
-            jacobian(directions[i], self._slopes[i])
+            jacobian(directions[i], self._images[i])
         for i, mine in enumerate(split(out)):
-            self._single.combine(directions[i], self._slopes, -self.tau * np.array(A[i]), mine)
+            self._lone.combine(directions[i], self._images, -self.tau * np.array(A[i]), mine)
 
     def masses(self, x: wp.array) -> list[tuple[wp.array, wp.array, float]]:
         sources = np.array([self._model.mean_source(self.time + c * self.tau) for c in C])

@@ -1,7 +1,9 @@
 """Implicit steppers: the equations of a stage, their Newton-Krylov solver, steps of any length."""
 
+import math
 from abc import abstractmethod
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -18,7 +20,7 @@ from swe_sphere.solvers.newton import NewtonKrylov
 from swe_sphere.solvers.preconditioners import Preconditioner, make_preconditioner
 from swe_sphere.solvers.vector_space import Masses, VectorSpace
 from swe_sphere.steppers.split_diffusion import HeldPenalty
-from swe_sphere.steppers.stage_solver import StageSolver
+from swe_sphere.steppers.stage_solver import StageSolver, energy_space
 from swe_sphere.steppers.stepper import Family, Stepper, Trajectory
 
 KRYLOV_SIZE = 200
@@ -31,7 +33,10 @@ MOST_STEP_PARTS = 64
 
 
 class StageProblem:
-    """x - tau F(x, t) = rhs, with the Jacobian products of `Model.jacobian`."""
+    """x - tau F(x, t) = rhs, with the Jacobian products of `Model.jacobian`.
+
+    `space` is that of x, `linear_space` that of vectors in linear solves: see `Model.for_solves`.
+    """
 
     tau_factor: ClassVar[float] = 1.0
     """Factor of tau F in the residual."""
@@ -39,9 +44,11 @@ class StageProblem:
     rhs: wp.array = None
 
     def __init__(self, model: Model, space: VectorSpace, preconditioner: str) -> None:
-        self._model, self.space = model, space
-        self.precondition: Preconditioner | None = make_preconditioner(preconditioner, model)
-        self._slope, self._operator = model.zeros(), model.jacobian()
+        self._model, self._linear, self.space = model, model.for_solves, space
+        self.linear_space = space if self._linear is model else energy_space(self._linear)
+        self.precondition: Preconditioner | None = make_preconditioner(preconditioner, self._linear)
+        self._slope, self._operator = model.zeros(), self._linear.jacobian()
+        self.converted = partial(self.linear_space.converted, out=self._linear.zeros())
 
     def residual(self, x: wp.array, out: wp.array) -> None:
         """Set out = x - tau F(x) - rhs."""
@@ -52,13 +59,18 @@ class StageProblem:
     def _evaluate(self, x: wp.array) -> None:
         self._model.tendency(x, self.time, self._slope)
 
+    def prepare(self, state: wp.array, tau: float) -> None:
+        """Set up the preconditioner, if any, for the implicit step tau [s] at a state."""
+        if self.precondition is not None:
+            self.precondition.update(self.converted(self._model.point_of_tangent(state)), tau)
+
     def linearise(self, x: wp.array) -> None:
-        self._operator.update(x, self.time)
+        self._operator.update(self.converted(x), self.time)
 
     def jacobian(self, d: wp.array, out: wp.array) -> None:
         """Set out = d - tau J d."""
         self._operator(d, out)
-        self.space.axpby(1.0, d, -self.tau, out)
+        self.linear_space.axpby(1.0, d, -self.tau, out)
 
     def masses(self, x: wp.array) -> list[tuple[wp.array, wp.array, float]]:
         """Return states whose masses follow from a source: (source, state, gain in depth [m])."""
@@ -79,12 +91,13 @@ class NewtonStages(StageSolver):
     ) -> None:
         super().__init__(model, tolerance)
         self.problem = equations(model, self.space, preconditioner)
-        space = self.problem.space
+        space = self.problem.linear_space
         # a large basis pays at large advective Courant numbers; it has the same size on any number
         # of ranks, so that they agree when to restart
         size = max(20, min(KRYLOV_SIZE, int(KRYLOV_MEMORY / (2 * 8 * space.global_size))))
-        gmres = FlexibleGMRES(space, size)
-        self.newton = NewtonKrylov(space, gmres, NEWTON_ITERATIONS, max_krylov=2 * KRYLOV_SIZE)
+        self.newton = NewtonKrylov(
+            self.problem.space, FlexibleGMRES(space, size), NEWTON_ITERATIONS, 2 * KRYLOV_SIZE
+        )
         self.counters |= {"rejected_steps": 0, "newton_iterations": 0}
         self._known = self.newton.nonlinearity
         self._masses = Masses(model.device_mesh)
@@ -115,9 +128,7 @@ class NewtonStages(StageSolver):
         """
         problem = self.problem
         problem.tau, problem.time, problem.rhs = tau, t, rhs
-        if problem.precondition is not None:
-            point = self.model.point_of_tangent(self.state)
-            problem.precondition.update(point, self.prepared_for or tau)
+        problem.prepare(self.state, self.prepared_for or tau)
         scale, floor = tau * self.rate, self.residual_floor()
         result = self.newton.solve(problem, x, self.tolerance, scale, floor)
         self.counters["newton_iterations"] += result.newton_iterations
@@ -128,18 +139,17 @@ class NewtonStages(StageSolver):
             self.restore_mass(*masses)
         return None
 
-    def solve_linear(
-        self, tau: float, state: wp.array, rhs: wp.array, x: wp.array, rtol: float
-    ) -> bool:
-        """Solve (I - tau J) x = rhs with J at a state; return whether the solve converged."""
-        self.problem.tau = tau
-        self.problem.linearise(state)
+    def norm_of_solution(self, tau: float, state: wp.array, rhs: wp.array, rtol: float) -> float:
+        """Return |x|, (I - tau J) x = rhs with J at a state; infinity if the solve fails."""
+        problem = self.problem
+        problem.tau, x = tau, problem.linear_space.zeros()
+        problem.linearise(state)
         result = self.newton.gmres.solve(
-            self.problem.jacobian, rhs, x, self.problem.precondition, rtol,
+            problem.jacobian, problem.converted(rhs), x, problem.precondition, rtol,
             max_iterations=self.newton.max_krylov, guess=False,
         )  # fmt: skip
         self.counters["krylov_iterations"] += result.iterations
-        return result.converged
+        return problem.linear_space.norm(x) if result.converged else math.inf
 
     def restore_mass(self, rhs: wp.array, x: wp.array, gain: float = 0.0) -> None:
         """Correct x to the masses of the right-hand side, and add `gain` to its mean depth [m].

@@ -48,6 +48,12 @@ def energy_weights(model: Model) -> Array:
     return np.concatenate([share, share, heights, *tracers])
 
 
+def energy_space(model: Model, copies: int = 1) -> VectorSpace:
+    """Return the space of states, or of `copies` of them, with the mean energy inner product."""
+    weights = np.tile(energy_weights(model), copies) / copies
+    return VectorSpace(weights, mesh=model.device_mesh)
+
+
 class TimeDerivatives:
     """Time derivatives of the state by differences of its mean slopes over the last steps.
 
@@ -119,7 +125,7 @@ class StageSolver(TimeDerivatives):
     def __init__(self, model: Model, tolerance: float) -> None:
         if not 0.0 <= tolerance < 1.0:
             raise ConfigError(f"the solver tolerance must be in [0, 1), got {tolerance}")
-        super().__init__(VectorSpace(energy_weights(model), mesh=model.device_mesh))
+        super().__init__(energy_space(model))
         self.model = model
         self.largest_tolerance = tolerance
         """Largest residual that a solve may leave, relative to the change over its tau."""
