@@ -229,6 +229,8 @@ class GravityWaves:
         self._product, self._rough_product = (
             recorded(launch, partial(_multiply, *each)) for each in (exact, rough)
         )
+        self._eliminated = recorded(launch, self._eliminate)
+        self._substituted = recorded(launch, self._substitute)
         self._least_rough = ROUGH * float(self.operator.diagonal.max())
         self._precondition = recorded(launch, partial(self._invert, self._inner.solve))
         finish = recorded(launch, partial(self._invert, self._inner.smooth))
@@ -245,10 +247,9 @@ class GravityWaves:
         The residual of the eliminated system is at most `target` [m] or `tolerance` times its
         right-hand side; `out` has exactly the masses of r. Arrays have the run's number type.
         """
-        b, h = self._fields
-        self.operator.eliminate(r, b)
-        self.operator.to_nodes(b, self._b)
+        self._eliminated(r, self._b)
         if guess is not None:
+            _, h = self._fields
             self.operator.to_field(guess, h)
             self.operator.to_nodes(h, self._h)
         size = self.space.norm(self._b)
@@ -257,11 +258,20 @@ class GravityWaves:
         system = product, self._b, self._h, self._precondition
         result = self._krylov.solve(*system, rtol, scale=size, guess=has_guess, finish=self._finish)
         self.space.match_mean(self._b, self._h, self._ones)
-        self.operator.to_field(self._h, h)
-        self.operator.substitute(r, h, out)
+        self._substituted(r, out)
         if self._carried is not None:
             self._carried.solve(self.tau, r, out)
         return result
+
+    def _eliminate(self, r: wp.array, b: wp.array) -> None:
+        field, _ = self._fields
+        self.operator.eliminate(r, field)
+        self.operator.to_nodes(field, b)
+
+    def _substitute(self, r: wp.array, out: wp.array) -> None:
+        _, h = self._fields
+        self.operator.to_field(self._h, h)
+        self.operator.substitute(r, h, out)
 
     def _invert(self, solve: Callable[[Field, Field], None], r: wp.array, z: wp.array) -> None:
         rough_r, rough_z = self._rough_fields
