@@ -12,13 +12,14 @@ from exponential_runs import exponential, exponential_steps
 from implicit_newton import forcing, newton
 from implicit_runs import drift, race
 from implicit_solver import counts, long_steps, price, steady
-from implicit_step import coarse, smoothing, step
+from implicit_step import coarse, precision, smoothing, step
 from sections import command
 
 SECTIONS = {
     "counts": counts,
     "price": price,
     "step": step,
+    "precision": precision,
     "smoothing": smoothing,
     "coarse": coarse,
     "newton": newton,

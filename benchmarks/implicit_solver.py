@@ -16,9 +16,8 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.solvers.krylov import FlexibleGMRES
 from swe_sphere.solvers.preconditioners import make_preconditioner
-from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import RECOMMENDED, get_stepper
-from swe_sphere.steppers.stage_solver import energy_weights
+from swe_sphere.steppers.stage_solver import energy_space
 from swe_sphere.testcases import get_scene
 
 
@@ -84,13 +83,15 @@ def price() -> Section:
         for name in ("helmholtz", "jacobian-direct", "helmholtz-direct"):
             if (ne, np_) != (16, 4) and name == "helmholtz-direct":
                 continue
-            made = make_preconditioner(name, model)
-            made.setup(state, 3600.0)
-            out, jacobian = model.zeros(), model.jacobian().update(state, 0.0)
+            solving, point = model.for_solves, _for_solves(model, state)
+            made = make_preconditioner(name, solving)
+            made.setup(point, 3600.0)
+            out, image = model.zeros(), solving.zeros()
+            jacobian = solving.jacobian().update(point, 0.0)
             rhs, tangent, apply = interleaved(
                 lambda m=model, s=state, o=out: m.tendency(s, 0.0, o),
-                lambda j=jacobian, s=state, o=out: j(s, o),
-                lambda p=made, s=state, o=out: p.apply(s, o),
+                lambda j=jacobian, s=point, o=image: j(s, o),
+                lambda p=made, s=point, o=image: p.apply(s, o),
             )
             rows.append(
                 [f"ne{ne} np{np_}", name, f"{1e3 * rhs:.3f}", f"{tangent / rhs:.2f}",
@@ -98,8 +99,9 @@ def price() -> Section:
             )  # fmt: skip
     return Section(
         "Price of a Jacobian product and of a preconditioner application",
-        "Medians of batches made in turns. The unit is a right-hand side, timed with each row; it "
-        "varies with the load of the machine. τ is 3600 s, for which `helmholtz` takes one cycle "
+        "Medians of batches made in turns. Products and applications are those of linear systems "
+        "in float32. The unit is a right-hand side in float64, timed with each row; it varies with "
+        "the load of the machine. τ is 3600 s, for which `helmholtz` takes one cycle "
         "of 2 Chebyshev steps on ne16 np4, two cycles on ne32 np4 and one of 9 steps on ne8 np8.",
         ["mesh", "preconditioner", "right-hand side [ms]", "tangent", "application", "set-up [s]"],
         rows,
@@ -155,6 +157,11 @@ def _stepped(model: Model, state: wp.array, duration: float) -> wp.array:
     return stepper.state
 
 
+def _for_solves(model: Model, x: wp.array) -> wp.array:
+    """Return a vector in the number type of the model's linear systems."""
+    return energy_space(model.for_solves).converted(x, model.for_solves.zeros())
+
+
 def _newton_system(
     model: Model, state: wp.array, name: str, tau: float, made_at: wp.array | None = None
 ) -> tuple[int, float]:
@@ -162,20 +169,22 @@ def _newton_system(
 
     The preconditioner is set up at the state `made_at`, by default the same.
     """
-    space = VectorSpace(energy_weights(model))
+    solving, point = model.for_solves, _for_solves(model, state)
+    space = energy_space(solving)
     gmres = FlexibleGMRES(space, 200)
-    made = make_preconditioner(name, model)
+    made = make_preconditioner(name, solving)
     if made is not None:
-        made.setup(state if made_at is None else made_at, tau)
+        made.setup(point if made_at is None else _for_solves(model, made_at), tau)
 
-    jacobian = model.jacobian().update(state, 0.0)
+    jacobian = solving.jacobian().update(point, 0.0)
 
     def operator(d: wp.array, out: wp.array) -> None:
         jacobian(d, out)
         space.axpby(1.0, d, -tau, out)
 
-    rhs, d = space.zeros(), space.zeros()
-    model.tendency(state, 0.0, rhs)
+    slope, d = model.zeros(), space.zeros()
+    model.tendency(state, 0.0, slope)
+    rhs = _for_solves(model, slope)
     space.scale(tau, rhs)
     with threadpool_limits(1, user_api="blas"):
         result = gmres.solve(

@@ -13,6 +13,7 @@ from implicit_common import DAYS
 from sections import Section
 from threadpoolctl import threadpool_limits
 
+from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.planning import RunPlan
@@ -42,6 +43,14 @@ COARSE_CASES = (
     (60, "bdf2", 3600.0, 3.0), (60, "bdf2", 7200.0, 4.0),
 )  # fmt: skip
 """ne, stepper, step [s] and days of the runs that compare them, np 4."""
+
+
+PRECISION_CASES = (
+    (16, "bdf2", 3600.0, 5.0), (16, "tr-bdf2", 14400.0, 5.0), (16, "esdirk4", 7200.0, 5.0),
+    (16, "gauss-legendre", 3600.0, 3.0), (30, "bdf2", 3600.0, 2.0), (30, "tr-bdf2", 14400.0, 4.0),
+    (60, "bdf2", 3600.0, 1.0), (60, "tr-bdf2", 14400.0, 2.0),
+)  # fmt: skip
+"""ne, stepper, step [s] and days of the runs that compare number types of linear systems."""
 
 
 class Clocks:
@@ -122,6 +131,32 @@ def _timed_run(mesh: Mesh) -> tuple[int, Clocks]:
     return steps - FIRST, clocks
 
 
+def precision() -> Section:
+    """Measure time and iterations of a step with linear systems in float64 and in float32."""
+    rows = []
+    for ne, stepper, dt, days in PRECISION_CASES:
+        mesh, same = Mesh.build(ne, 4), property(lambda model: model)
+        with threadpool_limits(1, user_api="blas"):
+            single = [_smoothed(mesh, stepper, dt, days)]
+            with patch.object(Model, "for_solves", same):
+                double = [_smoothed(mesh, stepper, dt, days) for _ in range(2)]
+            single.append(_smoothed(mesh, stepper, dt, days))
+        seconds = [min(run[0] for run in runs) for runs in (double, single)]
+        rows.append(
+            [f"ne{ne} np4", stepper, f"{dt:.0f}", *(f"{1e3 * each:.3g}" for each in seconds),
+             f"{seconds[1] / seconds[0]:.2f}", f"{double[0][3]:.2f}", f"{single[0][3]:.2f}"]
+        )  # fmt: skip
+        print(*rows[-1], sep=" | ", flush=True)  # noqa: T201 - a run takes a while
+    return Section(
+        "Linear systems in float32 and in float64",
+        "williamson5, one core: CPU time of a step and Krylov iterations a step. Each time is the "
+        "lesser of two runs; those in float64 come between those in float32.",
+        ["mesh", "stepper", "Δt [s]", "float64 [ms]", "float32 [ms]", "ratio",
+         "iterations in float64", "in float32"],
+        rows,
+    )  # fmt: skip
+
+
 def smoothing() -> Section:
     """Measure time and iterations of a step by the number of Chebyshev steps in a cycle."""
     rows = []
@@ -192,7 +227,9 @@ def _smoothed(
         for _ in range(steps - 1):
             sim.stepper.step()
         seconds = (time.process_time() - began) / (steps - 1)
-    inner = sim.stepper.solver.problem.precondition
-    courant = float(np.sqrt(inner.operator.diagonal.max()))
     iterations = sim.stepper.counters["krylov_iterations"] / steps
+    inner = sim.stepper.solver.problem.precondition
+    if not hasattr(inner, "operator"):  # that of several stages
+        return seconds, 0, 0.0, iterations
+    courant = float(np.sqrt(inner.operator.diagonal.max()))
     return seconds, len(inner._multilevel._last), courant, iterations

@@ -94,7 +94,8 @@ class NewtonStages(StageSolver):
         space = self.problem.linear_space
         # a large basis pays at large advective Courant numbers; it has the same size on any number
         # of ranks, so that they agree when to restart
-        size = max(20, min(KRYLOV_SIZE, int(KRYLOV_MEMORY / (2 * 8 * space.global_size))))
+        vector = space.dtype.itemsize * space.global_size  # [bytes]
+        size = max(20, min(KRYLOV_SIZE, int(KRYLOV_MEMORY / (2 * vector))))
         self.newton = NewtonKrylov(
             self.problem.space, FlexibleGMRES(space, size), NEWTON_ITERATIONS, 2 * KRYLOV_SIZE
         )
