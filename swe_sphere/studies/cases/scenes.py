@@ -6,16 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from swe_sphere.equations.effects import (
-    DYNAMICS,
-    Drag,
-    Forcing,
-    Hyperviscosity,
-    Orography,
-    Relaxation,
-    Rotation,
-    Viscosity,
-)  # fmt: skip
+from swe_sphere.equations import effects
 from swe_sphere.equations.scene import Array, Scalar, Scene, UnsteadyState
 from swe_sphere.errors import unknown_name
 from swe_sphere.planet import DAY, EARTH, Planet
@@ -54,9 +45,9 @@ def decay(nu: float = 0.0, nu4: float = 0.0, default: bool = False) -> Scene:
         wind = 10.0 * left
         return wind * (east - north), wind * (east + north), MEAN + 100.0 * left * value
 
-    diffusion = (Viscosity(nu), Hyperviscosity(None if default else nu4))
-    effects = tuple(effect for effect in diffusion if not effect.absent)
-    return _starting(exact, EMPTY, name="decay", effects=effects)
+    diffusion = (effects.Viscosity(nu), effects.Hyperviscosity(None if default else nu4))
+    present = tuple(effect for effect in diffusion if not effect.absent)
+    return _starting(exact, EMPTY, name="decay", effects=present)
 
 
 def friction(linear: float, quadratic: float, time: float) -> Scene:
@@ -80,8 +71,8 @@ def friction(linear: float, quadratic: float, time: float) -> Scene:
         depth = rest + (MEAN + 100.0 * value - rest) * np.exp(-t / time)
         return slower * wind[0], slower * wind[1], depth
 
-    effects = (Drag(linear, quadratic), Relaxation(time))
-    return _starting(exact, EMPTY, name="friction", effects=effects, equilibrium=equilibrium)
+    damping = (effects.Drag(linear, quadratic), effects.Relaxation(time))
+    return _starting(exact, EMPTY, name="friction", effects=damping, equilibrium=equilibrium)
 
 
 def driven(alpha: float = np.pi / 4.0) -> Scene:
@@ -111,7 +102,8 @@ def driven(alpha: float = np.pi / 4.0) -> Scene:
         north = np.sin(alpha) * np.sin(lat) * np.cos(lon) + np.cos(alpha) * np.cos(lat)
         return push * east, push * north, first(lon, lat) / doubling
 
-    return _starting(exact, EMPTY, name="driven", effects=(*DYNAMICS, Forcing()), forcing=forcing)
+    driving = (*effects.DYNAMICS, effects.Forcing())
+    return _starting(exact, EMPTY, name="driven", effects=driving, forcing=forcing)
 
 
 def _starting(exact: UnsteadyState, base: Scene, **values: Any) -> Scene:
@@ -185,7 +177,7 @@ def thin_flow(depth: float, alpha: float) -> Scene:
     base = get_scene("williamson2", alpha=alpha)
     return _starting(
         lambda lon, lat, t: (*base.initial(lon, lat)[:2], depth + 0.0 * lon), base,
-        bottom=lambda *at: base.initial(*at)[2], effects=(*base.effects, Orography()),
+        bottom=lambda *at: base.initial(*at)[2], effects=(*base.effects, effects.Orography()),
     )  # fmt: skip
 
 
@@ -300,8 +292,8 @@ def random_state(seed: int) -> Scene:
                 h - hills(lon, lat) + 1e-3 * depth * bumps[2])  # fmt: skip
 
     return Scene(
-        "random-state", title="random admissible state", initial=initial, bottom=hills,
-        effects=(*DYNAMICS, Rotation(), Orography()), planet=planet, ne=4, days=1.0,
+        "random-state", title="random admissible state", initial=initial, bottom=hills, days=1.0,
+        effects=(*effects.DYNAMICS, effects.Rotation(), effects.Orography()), planet=planet, ne=4,
     )  # fmt: skip
 
 
