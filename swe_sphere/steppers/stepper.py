@@ -376,18 +376,14 @@ S = TypeVar("S", bound=Stepper)
 
 def read_methods(family: type[S], *names: str) -> list[type[S]]:
     """Define methods of a family in methods.toml: classes with the attributes in their tables."""
-    tables = METHODS[family.__name__]
-    return [
-        type(name, (family,), {"__module__": family.__module__, "__doc__": tables[name]["doc"]}
-             | {key: value for key, value in tables[name].items() if key != "doc"})
-        for name in names
-    ]  # fmt: skip
+    own, tables = {"__module__": family.__module__}, METHODS[family.__name__]
+    return [type(name, (family,), own | tables[name]) for name in names]
 
 
 def _constant(value: Any) -> Any:
     """Convert lists to tuples, and fractions in strings to numbers, also in tables."""
     if isinstance(value, dict):
-        return {key: each if key == "doc" else _constant(each) for key, each in value.items()}
+        return {key: each if key == "__doc__" else _constant(each) for key, each in value.items()}
     if isinstance(value, list):
         return tuple(map(_constant, value))
     return float(Fraction(value)) if isinstance(value, str) and "/" in value else value
