@@ -81,20 +81,15 @@ Settings = Annotated[tuple[Setting, ...], BeforeValidator(read_settings)]
 def _setting(item: Any) -> Setting:
     if not isinstance(item, str):
         owner, parameter, value = item
-        return Setting(owner, parameter, _plain(value))
+        if getattr(value, "ndim", None) == 0 and hasattr(value, "item"):
+            value = value.item()  # the number in an array without dimensions, as JSON needs it
+        return Setting(owner, parameter, str(value) if isinstance(value, Path) else value)
     key, _, value = item.partition("=")
     owner, _, parameter = (part.strip() for part in key.partition("."))
     if not (owner and parameter and value.strip()):
         known = owner if owner in (SCENE, STEPPER) else "effect"
         raise ConfigError(f"a setting must read {known}.parameter=value, got {item!r}")
     return Setting(owner, parameter, value.strip())
-
-
-def _plain(value: Any) -> object:
-    """Return a scalar of an array or a path as a value that JSON supports, others unchanged."""
-    if getattr(value, "ndim", None) == 0 and hasattr(value, "item"):
-        return value.item()
-    return str(value) if isinstance(value, Path) else value
 
 
 def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
