@@ -3,20 +3,20 @@
 The functions of a scene are checked at each evaluation, so that callers get valid arrays.
 """
 
+import math
 import re
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from inspect import isfunction
 from itertools import chain
-from numbers import Integral, Real
+from numbers import Integral
 from typing import Any, Self, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from swe_sphere.arrays import Array as Array  # scenes import it from here
-from swe_sphere.equations.effects import EFFECTS, Effect, PointwiseEffect
+from swe_sphere.equations.effects import EFFECTS, Effect, PointwiseEffect, as_float
 from swe_sphere.errors import ConfigError, shown, unknown_name
 from swe_sphere.files.user_file import call_custom
 from swe_sphere.planet import EARTH, Planet
@@ -361,8 +361,7 @@ def _wrong_numbers(scene: Scene) -> Iterator[str]:
 
 def is_finite(value: Any) -> bool:
     """Return True for a finite number, and False for booleans and numbers too large for a float."""
-    number = isinstance(value, Real) and not isinstance(value, bool)
-    return number and bool(abs(value) <= sys.float_info.max)
+    return math.isfinite(as_float(value))
 
 
 STATE, RATES, WIND = ("u", "v", "h"), ("du/dt", "dv/dt", "dh/dt"), ("u", "v")
