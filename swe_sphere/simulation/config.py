@@ -1,19 +1,12 @@
 """The configuration of a run: one frozen object, from flags, a TOML file, or Python."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypedDict
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    TypeAdapter,
-    ValidationError,
-)
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter
 
 from swe_sphere.equations.scene import LARGEST_COUNT, LONGEST_DAYS
 from swe_sphere.errors import ConfigError, shown, unknown_name
@@ -30,7 +23,7 @@ def or_auto(kind: Any, words: str) -> BeforeValidator:
             return "auto"
         try:
             return adapter.validate_python(value)
-        except ValidationError:
+        except ValueError:
             raise ValueError(f"must be {words} or 'auto'") from None
 
     return BeforeValidator(read)
@@ -51,22 +44,19 @@ def _nameable(path: Path) -> Path:
     """Return the path; ValueError for one that no file can have, or that is not in UTF-8."""
     try:
         str(path).encode()
-        path.stat()
-    except (FileNotFoundError, NotADirectoryError):
-        return path
+        with suppress(FileNotFoundError, NotADirectoryError):
+            path.stat()
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or "it is not in UTF-8"
         raise ValueError(f"must be the name of a file ({why})") from None
     return path
 
 
-def _names(value: object) -> object:
-    """Return a list of names from a text "h,u,v"."""
-    return tuple(names_in(value)) if isinstance(value, str) else value
-
-
 FileName = Annotated[Path, AfterValidator(_nameable)]
-Names = Annotated[tuple[str, ...], BeforeValidator(_names)]
+Names = Annotated[
+    tuple[str, ...], BeforeValidator(lambda x: names_in(x) if isinstance(x, str) else x)
+]
+"""Names in a list, or in a text "h,u,v"."""
 Number = Annotated[float, _not_of(bool, str)]
 Positive = Annotated[Number, Field(gt=0.0)]
 Whole = Annotated[int, _not_of(bool, str), Field(ge=-LARGEST_COUNT, le=LARGEST_COUNT)]
