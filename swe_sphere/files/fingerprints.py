@@ -23,13 +23,12 @@ NUMBERS = (
 
 Any change of their code counts, except in comments, docstrings and blank lines of Python.
 """
-STRINGS_AND_COMMENTS = r"""
+TEXT = re.compile(r"""
     ^(?P<indent>[ \t]*)r?"{3}(?P<docstring>[\s\S]*?)"{3}$
     | "{3}[\s\S]*?"{3} | '{3}[\s\S]*?'{3} | "(?:\\.|[^"\\\n])*" | '(?:\\.|[^'\\\n])*'
     | (?P<comment>[ \t]*\#[^\n]*)
-"""
-"""Regular expression for formatted sources, where a docstring begins and ends a line."""
-TEXT = re.compile(STRINGS_AND_COMMENTS, re.MULTILINE | re.VERBOSE)
+""", re.MULTILINE | re.VERBOSE)  # fmt: skip
+"""Strings and comments of formatted sources, where a docstring begins and ends a line."""
 SCENE_FILE = "the scene's file"
 """Key of the file of the scene among the sources of a run."""
 LIBRARIES = ("warp-lang", "numpy", "scipy")

@@ -22,18 +22,15 @@ from numpy.typing import NDArray
 from swe_sphere.arrays import Array, Int32, Integers, inverse_permutation
 from swe_sphere.mesh.sphere import frame, position
 
-FACES: Integers = np.array(
-    [
-        # outward normal, direction of xi1, direction of xi2: right-handed
-        [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
-        [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
-        [[-1, 0, 0], [0, -1, 0], [0, 0, 1]],
-        [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
-        [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
-        [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
-    ]
-)
-"""The faces of the cube, (6, 3, 3): outward normal, direction of xi1, direction of xi2."""
+FACES: Integers = np.array([
+    [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+    [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
+    [[-1, 0, 0], [0, -1, 0], [0, 0, 1]],
+    [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
+    [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
+    [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+])  # fmt: skip
+"""The faces of the cube, (6, 3, 3): outward normal, directions of xi1 and xi2; right-handed."""
 
 BLOCK = 16
 """Number of elements in a block, in which nodes at the same point of each element are adjacent."""
