@@ -137,9 +137,8 @@ def _read_only(fields: Fields) -> Fields:
 
 
 def state_integrals(model: Model, fields: Fields) -> Numbers:
-    """Return global integrals and extremes of u, v, h, vorticity and divergence, each (N,)."""
-    values = {name: fields[name] for name in ("u", "v", "h", "vorticity", "divergence")}
-    values |= {"b": model.bottom, "f": model.coriolis}
+    """Return global integrals and extremes of a state; fields: as `Snapshot.all_fields`."""
+    values = {x: fields[x] for x in ("u", "v", "h", "b", "f", "vorticity", "divergence")}
     return integrals.flow_integrals(model.mesh, model.scene.planet, **values)
 
 
