@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import cache
 from multiprocessing import active_children, get_context
 from multiprocessing.connection import Connection
@@ -53,8 +53,10 @@ def in_processes(
     alive, ours = spawn.Pipe(duplex=False)
     processes, others = set[BaseProcess](), {*active_children()}
     pool = ProcessPoolExecutor(min(jobs, len(tasks)), spawn, _initialise, (alive, begin))
-    with Interruption() as interruption:
-        try:
+    try:
+        with Interruption() as interruption, ExitStack() as stack:
+            stack.callback(pool.shutdown, cancel_futures=True)
+            stack.callback(ours.close)  # ends the processes, before the pool waits for them
             with _private_start():
                 pending = {pool.submit(_do, task) for task in tasks}
             processes |= {*active_children()} - others
@@ -66,16 +68,11 @@ def in_processes(
                 # the pool does not watch a process that it started while it waited for others
                 if any(each.exitcode for each in processes):
                     raise BrokenProcessPool
-        except BrokenProcessPool:
-            ours.close()
-            pool.shutdown(cancel_futures=True)
-            raise RunFailed(
-                f"jobs: one of the processes {_end_of(processes)}: take fewer if memory ran out;"
-                " finished runs stay where `out` keeps them"
-            ) from None
-        finally:
-            ours.close()
-            pool.shutdown(cancel_futures=True)
+    except BrokenProcessPool:
+        raise RunFailed(
+            f"jobs: one of the processes {_end_of(processes)}: take fewer if memory ran out;"
+            " finished runs stay where `out` keeps them"
+        ) from None
 
 
 def _end_of(processes: Collection[BaseProcess]) -> str:
