@@ -134,8 +134,7 @@ def _tracers(centres: Centres) -> dict[str, Scalar]:
 
     def gaussian_hills(lon: Array, lat: Array) -> Array:
         offsets = [position(lon, lat) - position(*centre) for centre in centres]
-        hills: Array = 0.95 * np.sum(np.exp(-5.0 * np.sum(np.square(offsets), axis=-1)), axis=0)
-        return hills
+        return np.asarray(0.95 * np.sum(np.exp(-5.0 * np.sum(np.square(offsets), axis=-1)), axis=0))
 
     def cosine_bells(lon: Array, lat: Array) -> Array:
         far = (flows.distance(lon, lat, *centre) for centre in centres)
