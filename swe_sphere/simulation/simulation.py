@@ -661,8 +661,7 @@ class Simulation(errors.NotCopyable):
         if outcome.is_sound:
             numbers |= self.diagnostics
         if outcome.completed:
-            own = self.initial is not None
-            shipped = None if own else build.shipped_solution(self.scene, self.time / DAY)
+            shipped = None if self.initial else build.shipped_solution(self.scene, self.time / DAY)
             reference = self.reference or _read_reference(shipped)
             if reference is not None and reference.is_at(self.time):
                 numbers |= diagnostics.reference_errors(reference, self.snapshot)
@@ -740,16 +739,14 @@ class Simulation(errors.NotCopyable):
         if self._keeper is not None and self._keeper.frames:
             same: Any = {"data_vars": "minimal", "coords": "minimal", "compat": "override"}
             kept = [*self._keeper.frames.values()]
-            frames: xr.Dataset = xr.concat(kept, "time", combine_attrs="override", **same)
-            return frames
+            return cast(xr.Dataset, xr.concat(kept, "time", combine_attrs="override", **same))
         if self.config.out is None:
             raise ConfigError("the last run kept no frames: call run(keep=True) or run(out=...)")
         return open_run(self.config.out)
 
     def animate(self, field: str | None = None, **options: Any) -> Film:
         """Draw all `frames` as a film, which a notebook shows; options: as in `ds.swe.animate`."""
-        film: Film = self.frames.swe.animate(field, **options)
-        return film
+        return cast("Film", self.frames.swe.animate(field, **options))
 
     @exclusive
     def plot(self, field: str | None = None, ax: GeoAxes | None = None, **look: Any) -> GeoAxes:
