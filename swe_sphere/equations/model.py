@@ -49,8 +49,7 @@ class Model(DiscreteScene):
         self, mesh: Mesh, scene: Scene, device: str = "cpu", precision: str = "float64",
         shape: str | None = None, comm: Communicator | None = None,
     ) -> None:  # fmt: skip
-        placed = place_mesh(mesh, device, precision, shape, comm or Communicator())
-        super().__init__(scene, placed)
+        super().__init__(scene, place_mesh(mesh, device, precision, shape, comm or Communicator()))
         self._append_carried(flux=False)
         if not (self.diffusive or self.penalised):  # steppers may apply those terms separately
             _ = self.tendency

@@ -194,8 +194,8 @@ class GravityWaves:
         self.operator = schur_operator(model, coriolis, wp.float64, mesh.real)
         self._rough = schur_operator(model, coriolis, wp.float32, mesh.real)
         self._inner = Multilevel(self._rough, smooths_first=True)
-        self._rough_fields = self._rough.field(), self._rough.field()
         self._fields = self.operator.field(), self.operator.field()
+        self._rough_fields = self._rough.field(), self._rough.field()
         area = model.mesh.area / model.mesh.area.sum()
         self.space = VectorSpace(area, real=wp.float64, mesh=mesh)
         self._krylov = ConjugateGradients(self.space)
@@ -225,16 +225,16 @@ class GravityWaves:
             operator.configure(tau, self.depth)
         self._inner.setup(tau, self.depth)
         launch = self.operator.mesh.launch
-        exact, rough = (self.operator, *self._fields), (self._rough, *self._rough_fields)
-        self._product, self._rough_product = (
-            recorded(launch, partial(_multiply, *each)) for each in (exact, rough)
-        )
+        exact = partial(_on_fields, self.operator, *self._fields)
+        rough = partial(_on_fields, self._rough, *self._rough_fields)
+        self._product = recorded(launch, partial(exact, self.operator.apply))
+        self._rough_product = recorded(launch, partial(rough, self._rough.apply))
+        self._precondition = recorded(launch, partial(rough, self._inner.solve))
+        finish = recorded(launch, partial(rough, self._inner.smooth))
+        self._finish = finish if self.operator.diagonal.max() < SHORT**2 else None
         self._eliminated = recorded(launch, self._eliminate)
         self._substituted = recorded(launch, self._substitute)
         self._least_rough = ROUGH * float(self.operator.diagonal.max())
-        self._precondition = recorded(launch, partial(self._invert, self._inner.solve))
-        finish = recorded(launch, partial(self._invert, self._inner.smooth))
-        self._finish = finish if self.operator.diagonal.max() < SHORT**2 else None
         self._counters["setups"] += 1
         self._counters["setup_seconds"] += time.perf_counter() - start
 
@@ -249,9 +249,7 @@ class GravityWaves:
         """
         self._eliminated(r, self._b)
         if guess is not None:
-            _, h = self._fields
-            self.operator.to_field(guess, h)
-            self.operator.to_nodes(h, self._h)
+            self.space.copy(guess, self._h)
         size = self.space.norm(self._b)
         rtol, has_guess = max(tolerance, target / (size or 1.0)), guess is not None
         product = self._rough_product if rtol > self._least_rough else self._product
@@ -273,15 +271,12 @@ class GravityWaves:
         self.operator.to_field(self._h, h)
         self.operator.substitute(r, h, out)
 
-    def _invert(self, solve: Callable[[Field, Field], None], r: wp.array, z: wp.array) -> None:
-        rough_r, rough_z = self._rough_fields
-        self._rough.to_field(r, rough_r)
-        solve(rough_r, rough_z)
-        self._rough.to_nodes(rough_z, z)
 
-
-def _multiply(of: SchurOperator, field: Field, image: Field, d: wp.array, out: wp.array) -> None:
-    """Set out = S d for nodal vectors (N,)."""
-    of.to_field(d, field)
-    of.apply(field, image)
+def _on_fields(
+    of: SchurOperator, field: Field, image: Field, function: Callable[[Field, Field], None],
+    x: wp.array, out: wp.array,
+) -> None:  # fmt: skip
+    """Set out to a function of x, both nodal vectors (N,), by two fields."""
+    of.to_field(x, field)
+    function(field, image)
     of.to_nodes(image, out)

@@ -142,9 +142,8 @@ class NewtonKrylov:
 
     def _iterate(self, p: NewtonResult, problem: Problem, x: wp.array) -> None:
         """Take one Newton iteration, which ends the solve if it is the last."""
-        norm = p.residual
+        norm, space = p.residual, self.gmres.space
         eta = self.forcing(norm, p.target, self.nonlinearity)
-        space = self.gmres.space
         problem.linearise(x)
         linear = self.gmres.solve(
             problem.jacobian, space.converted(self._residual, self._rhs), self._solution,

@@ -70,17 +70,16 @@ class CoupledStages(StageProblem):
 
     def __init__(self, model: Model, single: VectorSpace, preconditioner: str) -> None:
         """Create the problem; `single` is the space of one stage."""
-        self._model, self._linear = model, model.for_solves
-        exact = self._linear is model
-        self._single, self._lone = single, single if exact else energy_space(self._linear)
+        linear = model.for_solves
+        self._model, self._single, self._linear_single = model, single, energy_space(linear)
         # means over the stages, so that a tolerance has its meaning for one state
-        self.space = energy_space(model, len(C))
-        self.linear_space = self.space if exact else energy_space(self._linear, len(C))
-        parts = [made for _ in C if (made := make_preconditioner(preconditioner, self._linear))]
-        self.precondition = ForwardElimination(self._linear, self._lone, parts) if parts else None
-        self._slopes, self._images = single.stack(len(C)), self._lone.stack(len(C))
-        self._jacobians = [self._linear.jacobian() for _ in C]
-        self.converted = partial(self._lone.converted, out=self._linear.zeros())
+        self.space, self.linear_space = (energy_space(each, len(C)) for each in (model, linear))
+        parts = [made for _ in C if (made := make_preconditioner(preconditioner, linear))]
+        one = self._linear_single
+        self.precondition = ForwardElimination(linear, one, parts) if parts else None
+        self._slopes, self._images = single.stack(len(C)), one.stack(len(C))
+        self._jacobians = [linear.jacobian() for _ in C]
+        self.converted = partial(one.converted, out=linear.zeros())
 
     def residual(self, x: wp.array, out: wp.array) -> None:
         """Set out_i = X_i - x - dt sum_j a_ij F(X_j)."""
@@ -99,8 +98,8 @@ class CoupledStages(StageProblem):
         directions = split(d)
         for i, jacobian in enumerate(self._jacobians):
             jacobian(directions[i], self._images[i])
-        for i, mine in enumerate(split(out)):
-            self._lone.combine(directions[i], self._images, -self.tau * np.array(A[i]), mine)
+        for direction, row, mine in zip(directions, A, split(out), strict=True):
+            self._linear_single.combine(direction, self._images, -self.tau * np.array(row), mine)
 
     def masses(self, x: wp.array) -> list[tuple[wp.array, wp.array, float]]:
         sources = np.array([self._model.mean_source(self.time + c * self.tau) for c in C])

@@ -44,11 +44,11 @@ class StageProblem:
     rhs: wp.array = None
 
     def __init__(self, model: Model, space: VectorSpace, preconditioner: str) -> None:
-        self._model, self._linear, self.space = model, model.for_solves, space
-        self.linear_space = space if self._linear is model else energy_space(self._linear)
-        self.precondition: Preconditioner | None = make_preconditioner(preconditioner, self._linear)
-        self._slope, self._operator = model.zeros(), self._linear.jacobian()
-        self.converted = partial(self.linear_space.converted, out=self._linear.zeros())
+        linear = model.for_solves
+        self._model, self.space, self.linear_space = model, space, energy_space(linear)
+        self.precondition: Preconditioner | None = make_preconditioner(preconditioner, linear)
+        self._slope, self._operator = model.zeros(), linear.jacobian()
+        self.converted = partial(self.linear_space.converted, out=linear.zeros())
 
     def residual(self, x: wp.array, out: wp.array) -> None:
         """Set out = x - tau F(x) - rhs."""
@@ -58,11 +58,6 @@ class StageProblem:
 
     def _evaluate(self, x: wp.array) -> None:
         self._model.tendency(x, self.time, self._slope)
-
-    def prepare(self, state: wp.array, tau: float) -> None:
-        """Set up the preconditioner, if any, for the implicit step tau [s] at a state."""
-        if self.precondition is not None:
-            self.precondition.update(self.converted(self._model.point_of_tangent(state)), tau)
 
     def linearise(self, x: wp.array) -> None:
         self._operator.update(self.converted(x), self.time)
@@ -94,11 +89,9 @@ class NewtonStages(StageSolver):
         space = self.problem.linear_space
         # a large basis pays at large advective Courant numbers; it has the same size on any number
         # of ranks, so that they agree when to restart
-        vector = space.dtype.itemsize * space.global_size  # [bytes]
-        size = max(20, min(KRYLOV_SIZE, int(KRYLOV_MEMORY / (2 * vector))))
-        self.newton = NewtonKrylov(
-            self.problem.space, FlexibleGMRES(space, size), NEWTON_ITERATIONS, 2 * KRYLOV_SIZE
-        )
+        most = KRYLOV_MEMORY / (2 * space.dtype.itemsize * space.global_size)
+        gmres = FlexibleGMRES(space, max(20, min(KRYLOV_SIZE, int(most))))
+        self.newton = NewtonKrylov(self.problem.space, gmres, NEWTON_ITERATIONS, 2 * KRYLOV_SIZE)
         self.counters |= {"rejected_steps": 0, "newton_iterations": 0}
         self._known = self.newton.nonlinearity
         self._masses = Masses(model.device_mesh)
@@ -129,15 +122,18 @@ class NewtonStages(StageSolver):
         """
         problem = self.problem
         problem.tau, problem.time, problem.rhs = tau, t, rhs
-        problem.prepare(self.state, self.prepared_for or tau)
+        if problem.precondition is not None:
+            point = problem.converted(self.model.point_of_tangent(self.state))
+            problem.precondition.update(point, self.prepared_for or tau)
         scale, floor = tau * self.rate, self.residual_floor()
         result = self.newton.solve(problem, x, self.tolerance, scale, floor)
         self.counters["newton_iterations"] += result.newton_iterations
         self.counters["krylov_iterations"] += result.krylov_iterations
         if not result.converged:
             return result.message
-        for masses in problem.masses(x):
-            self.restore_mass(*masses)
+        for source, state, gain in problem.masses(x):  # forcing contains no tracer
+            for block, name in self._conserved:
+                self._masses.restore(source, state, block, gain if name == "h" else 0.0)
         return None
 
     def norm_of_solution(self, tau: float, state: wp.array, rhs: wp.array, rtol: float) -> float:
@@ -151,14 +147,6 @@ class NewtonStages(StageSolver):
         )  # fmt: skip
         self.counters["krylov_iterations"] += result.iterations
         return problem.linear_space.norm(x) if result.converged else math.inf
-
-    def restore_mass(self, rhs: wp.array, x: wp.array, gain: float = 0.0) -> None:
-        """Correct x to the masses of the right-hand side, and add `gain` to its mean depth [m].
-
-        Only masses that all effects conserve are restored; forcing contains no tracer.
-        """
-        for block, name in self._conserved:
-            self._masses.restore(rhs, x, block, gain if name == "h" else 0.0)
 
     def numbers(self) -> dict[str, NDArray[Any]]:
         made, known = self.problem.precondition, self.newton.nonlinearity

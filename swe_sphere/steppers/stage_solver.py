@@ -50,8 +50,7 @@ def energy_weights(model: Model) -> Array:
 
 def energy_space(model: Model, copies: int = 1) -> VectorSpace:
     """Return the space of states, or of `copies` of them, with the mean energy inner product."""
-    weights = np.tile(energy_weights(model), copies) / copies
-    return VectorSpace(weights, mesh=model.device_mesh)
+    return VectorSpace(np.tile(energy_weights(model), copies) / copies, mesh=model.device_mesh)
 
 
 class TimeDerivatives:
