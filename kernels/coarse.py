@@ -13,7 +13,7 @@ from swe_sphere.kernels.simd.arithmetic import (
     integrate_functions,
     mul,
 )  # fmt: skip
-from swe_sphere.kernels.simd.memory import Numbers, Places, gather
+from swe_sphere.kernels.simd.memory import Numbers, load_runs, run_table
 from swe_sphere.kernels.terms import KernelTypes, local
 
 matrix, each = wp.array2d(dtype=real), wp.array2d(dtype=value)
@@ -50,13 +50,19 @@ def transfer_kernels(t: KernelTypes, functions: int) -> tuple[Any, Any, tuple[in
 
 
 @kernel
-def assemble(four: Places, more: Places, field: vector, out: vector):
-    """Sum the integrals of each function; `four` lists up to four contributors, `more` the rest."""
-    row = wp.tid()
-    total = gather(field, four, row, 0)
-    if more[row][0] >= 0:
-        total += gather(field, more, row, 0)
-    out[row] = total
+def assemble(
+    at: Numbers, runs: wp.array(dtype=run_table), others: wp.array(dtype=index), field: vector,
+    out: registers,
+):  # fmt: skip
+    """Sum the integrals of each function, over groups of `lanes` functions.
+
+    Group g has the contributions `runs` and `others`, as of `in_runs`, from at[g] to at[g + 1].
+    """
+    g = wp.tid()
+    total = load_runs(field, runs[at[g]], others)
+    for k in range(at[g] + 1, at[g + 1]):
+        total += load_runs(field, runs[k], others)
+    out[g] = total
 
 
 runs_sum = entries_sum("*runs(from)", source("converted_entry"), wp.int16)

@@ -206,10 +206,16 @@ class DeviceMesh(NotCopyable):
         away = np.take_along_axis(around, mine ^ np.array([1, 2, 3]), axis=1)
         empty = self.groups * self.points * self.lanes
         places = np.where(away < 0, empty, away).reshape(self.elements, -1, 3)
-        lanes = self.in_lanes(places).reshape(self.groups, -1, 3, self.lanes)
-        runs, rest = in_runs(lanes) if self.lanes > 1 else (lanes[..., 0], lanes[:0, 0, 0])
+        runs, others = self.runs(self.in_lanes(places).reshape(self.groups, -1, 3, self.lanes))
+        return {"runs": runs, "others": others}
+
+    def runs(self, places: NDArray[np.integer]) -> tuple[wp.array, wp.array]:
+        """Return the places (..., lanes) of registers as `load_runs` reads them, see `in_runs`."""
+        runs, rest = (
+            in_runs(places) if self.lanes > 1 else (places[..., 0], places.reshape(-1, 1)[:0])
+        )
         stored = wp.array(runs, Runs if self.lanes > 1 else wp.int32, device=self.device)
-        return {"runs": stored, "others": self.registers(rest, wp.int32)}
+        return stored, self.registers(rest, wp.int32)
 
     def geometry(self, kind: Any, given: Mapping[str, Any] | None = None) -> Any:
         """Return a Warp structure `kind`, with members by name from `given`, else from the mesh."""

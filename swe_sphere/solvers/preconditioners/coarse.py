@@ -14,9 +14,10 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array, Integers, inverse_permutation
+from swe_sphere.kernels import Register
 from swe_sphere.kernels.coarse import assemble, transfer_kernels
-from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors
 from swe_sphere.mesh import Mesh, cubed_sphere
+from swe_sphere.mesh.partition import RINGED
 from swe_sphere.mesh.sphere import position
 from swe_sphere.operators import sparse
 from swe_sphere.operators.device_mesh import Field
@@ -71,13 +72,15 @@ def smooth_functions(mesh: Mesh) -> ElementSpace:
 def _numbered(mesh: Mesh, kept: Integers) -> NDArray[np.int32]:
     """Return numbers (E, k*k) of the nodes at the `kept` k GLL points in both directions.
 
-    They follow the lines of each face, so that their neighbours are at few distances.
+    They follow the lines of each face, so that their neighbours are at few distances: along xi1 if
+    the elements of the mesh are in rings, else along xi2, as the elements in memory do.
     """
     nodes = mesh.nodes[:, kept][:, :, kept].reshape(6, mesh.ne, mesh.ne, kept.size, kept.size)
-    lines = nodes.swapaxes(2, 3)
+    axes = (0, 2, 4, 1, 3) if mesh.nodes.size >= RINGED else (0, 1, 3, 2, 4)
+    lines = nodes.transpose(axes)
     _, first, inverse = np.unique(lines.ravel(), return_index=True, return_inverse=True)
     numbers = inverse_permutation(np.argsort(first))[inverse].reshape(lines.shape)
-    return numbers.swapaxes(2, 3).reshape(mesh.elements, -1).astype(np.int32)
+    return numbers.transpose(np.argsort(axes)).reshape(mesh.elements, -1).astype(np.int32)
 
 
 def _products(along_1: Array, along_2: Array) -> Array:
@@ -113,10 +116,6 @@ def _mass(mesh: Mesh, space: ElementSpace) -> scipy.sparse.csr_array:
     return space.matrix(space.numbers, products).tocsr()
 
 
-MOST_CONTRIBUTIONS = 2 * CONTRIBUTORS
-"""Columns for contributions to a function; six are used at a cube's corner."""
-
-
 class CoarsePart:
     """Functions and elements of this rank; a single process owns all.
 
@@ -149,7 +148,7 @@ class CoarsePart:
         count, groups = self._numbers.shape[1], mesh.groups
         made = transfer_kernels(mesh.types(whole=False), count)
         self._restrict, self._prolong, (few, many) = made
-        (self._assemble,) = launch.compile(mesh.real, assemble)
+        (self._assemble,) = launch.compile(Register(mesh.real, mesh.lanes), assemble)
         launch.load(self._restrict, self._prolong)
         self._dims = (groups, count // few), (groups, mesh.points // many)
         self._values = mesh.upload(np.concatenate([space.values for space in spaces], axis=1).T)
@@ -162,17 +161,14 @@ class CoarsePart:
         sends = {r: places[e[mesh.comm.rank]] for r, e in enumerate(wanted) if mesh.comm.rank in e}
         receives = {r: places[elements] for r, elements in self._away.items()}
         mesh.register_exchange(self._integrals.flat, sends, receives)
-        self._contributors = [
-            wp.array(half, dtype=Contributors, device=mesh.device)
-            for half in np.split(self._contributing(places, size), 2, axis=1)
-        ]
+        self._contributions = self._contributing(places, size)
 
     def restrict(self, b: Field, out: Field) -> None:
         """Set out to the integrals of b [m] times each function [m3]."""
         inputs = self._values, self._mass, b.values, self._local
         self._mesh.over_elements(self._integrals, self._restrict, self._dims[0], *inputs)
-        size = self._contributors[0].size
-        self._launch(self._assemble, size, *self._contributors, self._integrals.flat, out.flat)
+        contributions = *self._contributions, self._integrals.flat
+        self._launch(self._assemble, out.values.size, *contributions, out.values)
 
     def prolong(self, coefficients: Field, x: Field) -> None:
         """Add the functions times their coefficients to x."""
@@ -221,21 +217,23 @@ class CoarsePart:
         places[away] = self._mesh.groups * k * lanes + np.arange(away.size * k).reshape(-1, k)
         return places
 
-    def _contributing(self, places: Integers, size: int) -> NDArray[np.int32]:
-        """Return offsets (n, k) of the contributions to each function, in the mesh's order.
+    def _contributing(self, places: Integers, size: int) -> tuple[wp.array, wp.array, wp.array]:
+        """Return the contributions to functions as `assemble` reads them, in the mesh's order.
 
-        A missing contribution is -1, as for functions of the ring; a fourth after three is `size`.
+        A missing contribution, as to functions of the ring, is that at `size`, which is zero.
         """
         element, slot = np.nonzero(self._is_mine[self._numbers])
-        row = self.here(self._numbers[element, slot])
+        row, lanes = self.here(self._numbers[element, slot]), self._mesh.lanes
         order = np.argsort(row, kind="stable")
         counts = np.bincount(row, minlength=self.functions.size)
         within = np.arange(row.size) - np.repeat(np.cumsum(counts) - counts, counts)
-        table = np.full((counts.size, MOST_CONTRIBUTIONS), -1, dtype=np.int32)
-        table[row[order], within] = places[element, slot][order]
-        odd = np.flatnonzero(counts % CONTRIBUTORS == 3)
-        table[odd, counts[odd]] = size
-        return table
+        table = np.full((-(-counts.size // lanes), counts.max(), lanes), size, dtype=np.int32)
+        group, lane = np.divmod(row[order], lanes)
+        table[group, within, lane] = places[element, slot][order]
+        exist = (table != size).any(axis=2)
+        exist[:, 0] = True
+        at = wp.array(np.cumsum([0, *exist.sum(axis=1)]), wp.int32, device=self._mesh.device)
+        return at, *self._mesh.runs(table[exist])
 
 
 def _numbers(spaces: list[ElementSpace]) -> Integers:
@@ -284,10 +282,10 @@ class CoarseCorrection:
         self._b, self._x, self._new, self._per_diagonal = vectors
         self._few = vector(operator.mesh, few), vector(operator.mesh, few)
         self._spread = TallMatrix(operator.mesh, self._part.rows(longest))
-        self._gather = TallMatrix(operator.mesh, longest).transposed
-        self._all_b = self._b
+        self._gather, self._all_b = self._spread.transposed, self._b
         if operator.mesh.comm.shared:
             comm, self._all_b = operator.mesh.comm, vector(operator.mesh, count)
+            self._gather = TallMatrix(operator.mesh, longest).transposed
             mine = self._part.owned(np.arange(count))
             owned = {rank: each for rank, each in enumerate(comm.allgather(mine)) if each.size}
             sends = dict.fromkeys(range(comm.size) if mine.size else (), self._part.here(mine))
