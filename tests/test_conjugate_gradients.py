@@ -115,26 +115,6 @@ def test_last_step_leaves_the_least_residual() -> None:
     assert np.linalg.norm(b - matrix @ x) == pytest.approx(least * size, rel=1e-10)
 
 
-def test_the_cheaper_preconditioner_serves_near_the_target_and_never_twice_in_a_row() -> None:
-    """Here it is none at all, after an inverse that leaves a part of each residual."""
-    matrix, b = laplacian(shift=1.0), random()
-    exact, asked = sla.splu(matrix.tocsc()), []
-
-    def inverse(kind: str, r: np.ndarray) -> np.ndarray:
-        asked.append(kind)
-        return 0.9 * exact.solve(r) + 0.1 * r if kind == "full" else r
-
-    full, cheap = (lambda r, kind=kind: inverse(kind, r) for kind in ("full", "cheap"))
-    result, x = solve(matrix.__matmul__, b, precondition=full, finish=operator(cheap), rtol=1e-6)
-    assert result.converged and np.linalg.norm(b - matrix @ x) < 2e-6 * np.linalg.norm(b)
-    near = [residual < 4.0 * result.target for residual in result.history[:-1]]
-    expected = []
-    for index, is_near in enumerate(near):
-        cheaper = is_near and index > 0 and expected[-1] == "full"
-        expected.append("cheap" if cheaper else "full")
-    assert asked == expected and "cheap" in asked
-
-
 def test_symmetric_in_the_inner_product_of_the_weights() -> None:
     """W^-1 K is not a symmetric matrix, but it is symmetric for the weights W."""
     weights, matrix, b = np.random.default_rng(5).uniform(0.1, 10.0, N), laplacian(), random()

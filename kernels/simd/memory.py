@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.kernels.define import Placeholder, Register, index, kernel, source, value, vector
 
-CONTRIBUTORS = 4
-Contributors = wp.types.vector(CONTRIBUTORS, wp.int32)
+Contributors = wp.types.vector(4, wp.int32)
 """Offsets of a node's contributors to the first local field; -1 stands for a missing one."""
 Places = wp.array(dtype=Contributors)
 Numbers = wp.array(dtype=wp.int32)

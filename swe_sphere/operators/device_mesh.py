@@ -14,7 +14,7 @@ from swe_sphere.arrays import Array, inverse_permutation
 from swe_sphere.errors import ConfigError, NotCopyable
 from swe_sphere.kernels.define import Register, lanes_of, specialise
 from swe_sphere.kernels.element import work_bytes
-from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors, Runs, in_runs
+from swe_sphere.kernels.simd.memory import Contributors, Runs, in_runs
 from swe_sphere.kernels.simd.stages import stage_struct
 from swe_sphere.kernels.simd.strips import sweep_strips
 from swe_sphere.kernels.terms import KernelTypes, kernel_types
@@ -176,7 +176,7 @@ class DeviceMesh(NotCopyable):
                 f"{unknowns} fields of this part of the mesh have more than 2^31 numbers: take more"
                 " ranks, or a coarser mesh"
             )
-        places = np.full((self.size, CONTRIBUTORS), -1, dtype=np.int32)
+        places = np.full((self.size, 4), -1, dtype=np.int32)
         places[count == 3, 3] = self.groups * self.points * width
         node = np.repeat(np.arange(self.size), count)
         turn = np.arange(node.size) - np.repeat(np.cumsum(count) - count, count)
@@ -372,9 +372,8 @@ class DeviceMesh(NotCopyable):
         element, point = np.divmod(entries, self.points)
         group, lane = np.divmod(element, self.lanes)
         behind, lane_behind = np.divmod(-1 - entries, self.lanes)
-        row = np.where(
-            entries >= 0, group * self.points + point, (self.groups + 1) * self.points + behind
-        )
+        received = (self.groups + 1) * self.points + behind
+        row = np.where(entries >= 0, group * self.points + point, received)
         return row * width + np.where(entries >= 0, lane, lane_behind)
 
     def field(self, values: wp.array) -> Field:

@@ -135,6 +135,10 @@ class Communicator:
         self._wait_for_all()
         return list(self.comm.allgather(mine)) if self.shared else [mine]
 
+    def requests(self, wanted: dict[int, T]) -> dict[int, T]:
+        """Return the object that each other rank wants of this one, if any; wanted: by rank."""
+        return {r: of[self.rank] for r, of in enumerate(self.allgather(wanted)) if self.rank in of}
+
     def on_root(self, function: Callable[[], T]) -> T:
         """Return the function's result, or raise its error, from a call on rank 0 alone."""
         if not self.shared:

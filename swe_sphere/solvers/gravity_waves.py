@@ -36,9 +36,6 @@ sooner in fluid deeper than its reference than in shallower fluid (docs/results/
 ROUGH = 2e-6
 """Products with S in float32, at half the cost, suffice for relative tolerances above ROUGH times
 the largest diagonal entry of S: their error relative to the factor is at most a twentieth of it."""
-SHORT = 3.5
-"""Gravity-wave Courant number (root of the largest diagonal entry of S) below which Chebyshev steps
-alone reduce what one cycle leaves by a factor that justifies their cost."""
 INERTIAL = 1.25
 """An inertial wave of frequency f limits explicit steps like advection of the rate INERTIAL f;
 measured on meshes coarse enough that such waves limit the step (docs/results/steps.md)."""
@@ -194,8 +191,7 @@ class GravityWaves:
         self.operator = schur_operator(model, coriolis, wp.float64, mesh.real)
         self._rough = schur_operator(model, coriolis, wp.float32, mesh.real)
         self._inner = Multilevel(self._rough, smooths_first=True)
-        self._fields = self.operator.field(), self.operator.field()
-        self._rough_fields = self._rough.field(), self._rough.field()
+        self._field = self.operator.field()
         area = model.mesh.area / model.mesh.area.sum()
         self.space = VectorSpace(area, real=wp.float64, mesh=mesh)
         self._krylov = ConjugateGradients(self.space)
@@ -225,13 +221,11 @@ class GravityWaves:
             operator.configure(tau, self.depth)
         self._inner.setup(tau, self.depth)
         launch = self.operator.mesh.launch
-        exact = partial(_on_fields, self.operator, *self._fields)
-        rough = partial(_on_fields, self._rough, *self._rough_fields)
+        exact = partial(_on_fields, self.operator, self._field, self.operator.field())
+        rough = partial(_on_fields, self._rough, self._rough.field(), self._rough.field())
         self._product = recorded(launch, partial(exact, self.operator.apply))
         self._rough_product = recorded(launch, partial(rough, self._rough.apply))
         self._precondition = recorded(launch, partial(rough, self._inner.solve))
-        finish = recorded(launch, partial(rough, self._inner.smooth))
-        self._finish = finish if self.operator.diagonal.max() < SHORT**2 else None
         self._eliminated = recorded(launch, self._eliminate)
         self._substituted = recorded(launch, self._substitute)
         self._least_rough = ROUGH * float(self.operator.diagonal.max())
@@ -254,7 +248,7 @@ class GravityWaves:
         rtol, has_guess = max(tolerance, target / (size or 1.0)), guess is not None
         product = self._rough_product if rtol > self._least_rough else self._product
         system = product, self._b, self._h, self._precondition
-        result = self._krylov.solve(*system, rtol, scale=size, guess=has_guess, finish=self._finish)
+        result = self._krylov.solve(*system, rtol, scale=size, guess=has_guess)
         self.space.match_mean(self._b, self._h, self._ones)
         self._substituted(r, out)
         if self._carried is not None:
@@ -262,14 +256,12 @@ class GravityWaves:
         return result
 
     def _eliminate(self, r: wp.array, b: wp.array) -> None:
-        field, _ = self._fields
-        self.operator.eliminate(r, field)
-        self.operator.to_nodes(field, b)
+        self.operator.eliminate(r, self._field)
+        self.operator.to_nodes(self._field, b)
 
     def _substitute(self, r: wp.array, out: wp.array) -> None:
-        _, h = self._fields
-        self.operator.to_field(self._h, h)
-        self.operator.substitute(r, h, out)
+        self.operator.to_field(self._h, self._field)
+        self.operator.substitute(r, self._field, out)
 
 
 def _on_fields(

@@ -28,8 +28,6 @@ UNTRUSTED = 1e4
 MOST_ROUNDOFFS = 1e3
 # Fraction of the last residual norm below which the next one, from products alone, is inaccurate.
 FALL = 1e-3
-# Multiple of the target up to which a residual needs no more than the cheaper preconditioner.
-NEAR = 4.0
 # Fraction of its terms below which a residual may be noise to a preconditioner in float32.
 NOISE = 1e-6
 
@@ -90,7 +88,6 @@ class LinearResult(SolveResult):
 
     operator: Operator
     precondition: Operator | None
-    finish: Operator | None
     rhs: wp.array
     x: wp.array
     scale: float
@@ -115,7 +112,7 @@ class KrylovSolver(ABC):
     def solve(
         self, operator: Operator, rhs: wp.array, x: wp.array, precondition: Operator | None = None,
         rtol: float = 1e-6, max_iterations: int = 200, scale: float | None = None,
-        guess: bool = True, finish: Operator | None = None,
+        guess: bool = True,
     ) -> LinearResult:  # fmt: skip
         """Solve operator(x) = rhs (n,) from the guess x, which is replaced by the solution.
 
@@ -124,14 +121,12 @@ class KrylovSolver(ABC):
         either. Converged means |rhs - A x| <= rtol |rhs| [norm of the space]; a tolerance below the
         accuracy of the arithmetic, 0 included, is met by a residual of round-off size, and the
         result then sets `roundoff`. scale: |rhs| if it is known; guess: False if x contains no
-        guess and stands for 0; finish: a cheaper preconditioner, with which conjugate gradients end
-        if one iteration just misses the tolerance. x never receives a value that is not finite.
+        guess and stands for 0. x never receives a value that is not finite.
         """
         scale = self.space.norm(rhs) if scale is None else scale
         p = LinearResult(
             history=[], target=rtol * scale, operator=operator, rhs=rhs, x=x,
-            precondition=precondition, finish=finish, scale=scale, limit=max_iterations,
-            guess=guess,
+            precondition=precondition, scale=scale, limit=max_iterations, guess=guess,
         )  # fmt: skip
         if scale == 0.0 or not guess:
             self.space.clear(x)
@@ -222,15 +217,14 @@ class ConjugateGradients(KrylovSolver):
         Products are named by vectors: r the residual, z = M r, w = A z, d last direction, s = A d.
         """
         space, r, s, w, curvature = self.space, self._residual, self._image, self._product, 0.0
-        precondition, noise, stack, light = p.precondition, NOISE * p.terms, self._stack, False
+        precondition, noise, stack = p.precondition, NOISE * p.terms, self._stack
         space.clear(self._direction)
         space.clear(s)
         while p.residual > goal and p.iterations < p.limit:
             check_stop()
             z = r if precondition is None else self._preconditioned
             if precondition is not None:
-                light = not light and p.iterations > 0 and p.residual < NEAR * goal
-                (p.finish if light and p.finish else precondition)(r, z)
+                precondition(r, z)
             p.operator(z, w)
             found = space.projections((stack, 3, z), (stack, 3, w), (stack, 2, r), (stack, 1, s))
             sz, rz, wz, sw, rw, ww, sr, rr, ss = map(float, found)

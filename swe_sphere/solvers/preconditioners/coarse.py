@@ -143,8 +143,8 @@ class CoarsePart:
             for rank, elements in enumerate(mesh.comm.allgather(self._here)):
                 self._owner[elements] = rank
             needed = np.flatnonzero(self._is_mine[self._numbers].any(axis=1))
-            others = set(self._owner[needed].tolist()) - {mesh.comm.rank}
-            self._away = {r: needed[self._owner[needed] == r] for r in sorted(others)}
+            self._away = _by_rank(needed, self._owner[needed])
+            self._away.pop(mesh.comm.rank, None)
         count, groups = self._numbers.shape[1], mesh.groups
         made = transfer_kernels(mesh.types(whole=False), count)
         self._restrict, self._prolong, (few, many) = made
@@ -157,10 +157,9 @@ class CoarsePart:
         size = count * (groups * mesh.lanes + sum(map(len, self._away.values())))
         self._integrals, places = vector(mesh, size + 1), self._places()
         self._local = self._integrals.values[: groups * count].reshape((groups, count))
-        wanted = mesh.comm.allgather(self._away)
-        sends = {r: places[e[mesh.comm.rank]] for r, e in enumerate(wanted) if mesh.comm.rank in e}
-        receives = {r: places[elements] for r, elements in self._away.items()}
-        mesh.register_exchange(self._integrals.flat, sends, receives)
+        exchange = (mesh.comm.requests(self._away), self._away)
+        of_integrals = ({r: places[e] for r, e in each.items()} for each in exchange)
+        mesh.register_exchange(self._integrals.flat, *of_integrals)
         self._contributions = self._contributing(places, size)
 
     def restrict(self, b: Field, out: Field) -> None:
@@ -175,14 +174,10 @@ class CoarsePart:
         inputs = self._values, self._of_elements, coefficients.flat, x.values
         self._mesh.over_elements(None, self._prolong, self._dims[1], *inputs)
 
-    def rows(self, matrix: Any) -> scipy.sparse.csr_array:
-        """Return the rows of this rank's functions."""
-        return scipy.sparse.csr_array(matrix)[self.functions]
-
     def square(self, matrix: Any) -> scipy.sparse.csr_array:
         """Return rows and columns of this rank's functions, without entries in rows of the ring."""
         kept = scipy.sparse.diags_array(self._is_mine[self.functions].astype(matrix.dtype))
-        square: scipy.sparse.csr_array = (kept @ self.rows(matrix)[:, self.functions]).tocsr()
+        square: scipy.sparse.csr_array = (kept @ matrix[self.functions][:, self.functions]).tocsr()
         square.eliminate_zeros()
         return square
 
@@ -190,22 +185,20 @@ class CoarsePart:
         """Return the indices of `functions` among the functions of this rank."""
         return np.searchsorted(self.functions, functions)
 
-    def owned(self, functions: Integers) -> Integers:
-        """Return the members of `functions` (V',) whose first element belongs to this rank."""
-        return np.asarray(functions[self._owner_of(functions) == self._mesh.comm.rank])
-
-    def _owner_of(self, functions: Integers) -> Integers:
+    def owner_of(self, functions: Integers) -> Integers:
+        """Return the ranks (V',) to which the first elements of `functions` belong."""
         _, first = np.unique(self._numbers, return_index=True)
         return np.asarray(self._owner[first[functions] // self._numbers.shape[1]])
 
+    def messages(self, functions: Integers) -> tuple[dict[int, Integers], dict[int, Integers]]:
+        """Return indices here of functions that others want, and these `functions`, by rank."""
+        wanted = _by_rank(functions, self.owner_of(functions))
+        return {r: self.here(f) for r, f in self._mesh.comm.requests(wanted).items()}, wanted
+
     def ring(self) -> tuple[dict[int, Integers], dict[int, Integers]]:
         """Return indices of functions in the rings of other ranks, and of its own ring, by rank."""
-        comm, ring = self._mesh.comm, np.setdiff1d(self.functions, self._mine)
-        owner = self._owner_of(ring)
-        wanted = {r: ring[owner == r] for r in np.unique(owner).tolist()}
-        requests = comm.allgather(wanted)
-        sends = {r: self.here(of[comm.rank]) for r, of in enumerate(requests) if comm.rank in of}
-        return sends, {r: self.here(functions) for r, functions in wanted.items()}
+        sends, ring = self.messages(np.setdiff1d(self.functions, self._mine))
+        return sends, {r: self.here(functions) for r, functions in ring.items()}
 
     def _places(self) -> Integers:
         """Return offsets (E, k) of integrals in (groups, k, lanes), other ranks' behind these."""
@@ -234,6 +227,11 @@ class CoarsePart:
         exist[:, 0] = True
         at = wp.array(np.cumsum([0, *exist.sum(axis=1)]), wp.int32, device=self._mesh.device)
         return at, *self._mesh.runs(table[exist])
+
+
+def _by_rank(numbers: Integers, ranks: Integers) -> dict[int, Integers]:
+    """Return the numbers (n,) of each of their ranks (n,)."""
+    return {r: numbers[ranks == r] for r in np.unique(ranks).tolist()}
 
 
 def _numbers(spaces: list[ElementSpace]) -> Integers:
@@ -281,16 +279,22 @@ class CoarseCorrection:
         vectors = (vector(operator.mesh, self._part.functions.size) for _ in range(4))
         self._b, self._x, self._new, self._per_diagonal = vectors
         self._few = vector(operator.mesh, few), vector(operator.mesh, few)
-        self._spread = TallMatrix(operator.mesh, self._part.rows(longest))
+        self._spread = TallMatrix(operator.mesh, longest[self._part.functions])
         self._gather, self._all_b = self._spread.transposed, self._b
         if operator.mesh.comm.shared:
-            comm, self._all_b = operator.mesh.comm, vector(operator.mesh, count)
-            self._gather = TallMatrix(operator.mesh, longest).transposed
-            mine = self._part.owned(np.arange(count))
-            owned = {rank: each for rank, each in enumerate(comm.allgather(mine)) if each.size}
-            sends = dict.fromkeys(range(comm.size) if mine.size else (), self._part.here(mine))
-            self._join = Halo(operator.mesh.launch, self._b.flat, sends, owned, self._all_b.flat)
-            """The integrals of all functions, each from the rank that owns it."""
+            launch, comm = operator.mesh.launch, operator.mesh.comm
+            of_wave = self._part.owner_of(abs(longest).argmax(axis=0))
+            mine = longest @ scipy.sparse.diags_array((of_wave == comm.rank).astype(np.float32))
+            mine.eliminate_zeros()
+            rows = np.flatnonzero(np.diff(mine.indptr))
+            self._gather = TallMatrix(operator.mesh, mine).transposed
+            self._all_b, once = vector(operator.mesh, count), self._few[0].flat
+            self._join = Halo(launch, self._b.flat, *self._part.messages(rows), self._all_b.flat)
+            """The integrals of the functions in the waves of this rank."""
+            waves = _by_rank(np.arange(few), of_wave)
+            sends = {r: waves[comm.rank] for r in range(comm.size) if comm.rank in waves}
+            self._share = Halo(launch, once, sends, waves)
+            """The sums of all waves, each from the rank where the wave is largest."""
             ring = self._part.ring()
             for each in (self._x, self._new):
                 operator.mesh.register_exchange(each.flat, *ring)
@@ -333,6 +337,8 @@ class CoarseCorrection:
         if self._all_b is not self._b:
             self._join()
         self._gather(self._all_b, once)
+        if self._all_b is not self._b:
+            self._share()
         self._exact(once, twice)
         self._spread(twice, out)
 

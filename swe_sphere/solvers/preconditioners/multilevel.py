@@ -75,19 +75,15 @@ class Multilevel:
             if cycle > 0:
                 self._smooth(self._between, b, x)
             elif self._smooths_first:
-                self.smooth(b, x)
+                size, *steps = self._first
+                self.operator.chebyshev_start(size, b, x)
+                self._smooth(steps, b, x)
             else:
                 self._coarse.correct(b, x, add=False)
                 continue
             self.operator.residual(b, x, self._rest)
             self._coarse.correct(self._rest, x)
         self._smooth(self._last, b, x)
-
-    def smooth(self, b: Field, x: Field) -> None:
-        """Set x to about S^-1 b for b without smooth waves, which remain almost as they are."""
-        size, *steps = self._first
-        self.operator.chebyshev_start(size, b, x)
-        self._smooth(steps, b, x)
 
     def _smooth(self, sizes: list[float], b: Field, x: Field) -> None:
         for size in sizes:
