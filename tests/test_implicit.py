@@ -319,7 +319,7 @@ def test_linear_systems_in_float32_give_the_same_steps(small_mountain, name, mon
         iterations = (each.counters["newton_iterations"] for each in (ours, exact))
         assert next(iterations) <= share * next(iterations)
         error = relative(ours.state.numpy(), exact.state.numpy(), 3)
-        assert error < (1e-4 if tolerance is None else 1e-11), error
+        assert error < (1e-4 if tolerance is None else 1e-10), error
 
 
 @pytest.mark.parametrize("name", some(ALL))
@@ -441,15 +441,15 @@ def test_threads_of_other_work_are_left_alone(small_mountain, name: str) -> None
 def test_masses_that_an_effect_does_not_declare_conserved_are_left_alone(monkeypatch) -> None:
     """Restoring them would cancel without a word what a new effect does to them."""
     model = Model(Mesh.build(2, 4), make_scene("advection", "pressure", "rotation", "viscosity"))
-    stepper = STEPPERS["bdf2"](model, 600.0)
-    rhs, x = (model.device_mesh.upload(random_state(model, seed)) for seed in (1, 2))
-    before = x.numpy().copy()
-    stepper.solver.restore_mass(rhs, x)
-    assert np.abs(x.numpy() - before).max() > 0.0
+
+    def drift() -> float:
+        states = model.initial_state(), advance("bdf2", model, 600.0, 5, tolerance=0.5).state
+        before, after = (model.mesh.area @ model.fields(state)["h"] for state in states)
+        return abs(after / before - 1.0)
+
+    assert drift() < 1e-15
     monkeypatch.setattr(Viscosity, "conserves", frozenset())
-    other, y = STEPPERS["bdf2"](model, 600.0), model.device_mesh.upload(before)
-    other.solver.restore_mass(rhs, y)
-    np.testing.assert_array_equal(y.numpy(), before)
+    assert drift() > 1e-13
 
 
 def test_what_built_in_effects_conserve() -> None:
