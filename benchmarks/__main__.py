@@ -63,8 +63,8 @@ PARTS = {
     "resolution": Part(
         "results/resolution/README", "",
         ("-m swe_sphere sweep --recipe benchmarks/resolution.toml --out build/resolution",
-         "benchmarks/resolution.py build/resolution"),
-        ("resolution",),
+         "benchmarks/resolution.py build/resolution", "benchmarks/break_even.py"),
+        ("resolution", "break_even"),
     ),
     "steps": Part(
         "results/steps", "1 hour",

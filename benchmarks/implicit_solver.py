@@ -159,7 +159,7 @@ def _stepped(model: Model, state: wp.array, duration: float) -> wp.array:
 
 def _for_solves(model: Model, x: wp.array) -> wp.array:
     """Return a vector in the number type of the model's linear systems."""
-    return energy_space(model.for_solves).converted(x, model.for_solves.zeros())
+    return energy_space(model.for_solves).converted(x)
 
 
 def _newton_system(

@@ -26,7 +26,7 @@ import xarray as xr
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib import style
 from matplotlib.figure import Figure
-from sections import DATA, PAGES
+from sections import DATA, PAGES, Sections, load, stamp_text
 from xarray import Dataset
 
 from swe_sphere.errors import ConfigError
@@ -175,11 +175,13 @@ def break_even(steps: pd.DataFrame, base: str) -> float:
     return float(np.exp(ne[i] + (ne[i + 1] - ne[i]) * ratio[i] / (ratio[i] - ratio[i + 1])))
 
 
-def page(table: pd.DataFrame, recipe: Recipe, findings: str = "") -> str:
+def page(
+    table: pd.DataFrame, recipe: Recipe, findings: str = "", again: Sections | None = None
+) -> str:
     """Return the page of a map in Markdown.
 
     findings: Markdown: what the measurement shows, and its limits.  Its first paragraph precedes
-    the first table, the others follow.
+    the first table, the others follow.  again: the sections of `break_even.py`.
     """
     best, *elsewhere = by_machine(table)
     fits: dict[str, dict[tuple[object, ...], Law]] = {"laws": {}, "checks": {}}
@@ -198,13 +200,14 @@ def page(table: pd.DataFrame, recipe: Recipe, findings: str = "") -> str:
     return environment.get_template("resolution.md.j2").render(
         recipe=recipe, figures={name: caption for name, caption, _ in _panels(best)}, **fits,
         best=best, bases=BASES, base="explicit", families=OTHERS, elsewhere=elsewhere,
-        findings=findings.rstrip(), break_even=break_even,
+        findings=findings.rstrip(), break_even=break_even, again=again or {}, stamp=stamp_text,
     )  # fmt: skip
 
 
 def stored_page() -> str:
     """Return the page of the stored table."""
-    return page(read_table(), load_recipe(str(RECIPE)), FINDINGS.read_text(encoding="utf-8"))
+    findings = FINDINGS.read_text(encoding="utf-8")
+    return page(read_table(), load_recipe(str(RECIPE)), findings, load("break_even"))
 
 
 def figures(table: pd.DataFrame) -> dict[str, str]:

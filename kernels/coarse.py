@@ -56,7 +56,7 @@ def assemble(
 ):  # fmt: skip
     """Sum the integrals of each function, over groups of `lanes` functions.
 
-    Group g has the contributions `runs` and `others`, as of `in_runs`, from at[g] to at[g + 1].
+    The contributions to group g are `runs` from at[g] to at[g + 1]; for `others` see `in_runs`.
     """
     g = wp.tid()
     total = load_runs(field, runs[at[g]], others)

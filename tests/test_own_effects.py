@@ -443,6 +443,25 @@ class Slowing(PointwiseEffect):
         return -RATES[0, 0] * u, slowed(v)
 
 
+@dataclass(frozen=True)
+class Differentiable(Slowing):
+    """The same with its derivative."""
+
+    name = "slowing-with-derivative"
+
+    @staticmethod
+    def wind_derivative(c, i, u, v, h, du, dv, dh):
+        return -RATES[0, 0] * du, slowed(dv)
+
+
+def test_implicit_steps_keep_the_number_type_of_its_constants() -> None:
+    model = Model(MESH, get_scene("williamson5").with_effect(Differentiable()))
+    stepper = STEPPERS["tr-bdf2"](model, 600.0)
+    stepper.start(model.initial_state())
+    stepper.step()
+    assert model.for_solves is model
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("shape", ["element", "node"])
 def test_a_constant_around_a_formula_may_change(monkeypatch, shape):

@@ -9,7 +9,7 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.discrete_scene import DiscreteScene, place_mesh
-from swe_sphere.equations.effects import Effect
+from swe_sphere.equations.effects import EFFECTS, Effect
 from swe_sphere.equations.jacobian import DifferenceJacobian, ExactJacobian, Jacobian
 from swe_sphere.equations.right_hand_side import (
     COMPONENTS,
@@ -120,11 +120,11 @@ class Model(DiscreteScene):
         """The model in float32, for the linear systems of Newton's method.
 
         It is this model itself if it has tracers, whose mixing ratios must stay constant to
-        round-off, if difference quotients replace derivatives, and in linear dynamics, where one
-        solve must reach the tolerance.
+        round-off; with custom effects, whose formulas may need the precision of the run; and in
+        linear dynamics, where one solve in that precision reaches the tolerance.
         """
-        exact = self.carried is None and all(e.differentiable for e in self.scene.effects)
-        if self.precision == "float32" or self.scene.linear or not exact:
+        custom = any(effect.name not in EFFECTS for effect in self.scene.effects)
+        if self.precision == "float32" or self.scene.linear or self.carried or custom:
             return self
         other = Model.__new__(Model)
         DiscreteScene.__init__(other, self.scene, self.device_mesh.like(wp.float32, self.shape))

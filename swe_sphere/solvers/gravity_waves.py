@@ -191,7 +191,8 @@ class GravityWaves:
         self.operator = schur_operator(model, coriolis, wp.float64, mesh.real)
         self._rough = schur_operator(model, coriolis, wp.float32, mesh.real)
         self._inner = Multilevel(self._rough, smooths_first=True)
-        self._field = self.operator.field()
+        self._fields = self.operator.field(), self.operator.field()
+        self._rough_fields = self._rough.field(), self._rough.field()
         area = model.mesh.area / model.mesh.area.sum()
         self.space = VectorSpace(area, real=wp.float64, mesh=mesh)
         self._krylov = ConjugateGradients(self.space)
@@ -221,8 +222,8 @@ class GravityWaves:
             operator.configure(tau, self.depth)
         self._inner.setup(tau, self.depth)
         launch = self.operator.mesh.launch
-        exact = partial(_on_fields, self.operator, self._field, self.operator.field())
-        rough = partial(_on_fields, self._rough, self._rough.field(), self._rough.field())
+        exact = partial(_on_fields, self.operator, *self._fields)
+        rough = partial(_on_fields, self._rough, *self._rough_fields)
         self._product = recorded(launch, partial(exact, self.operator.apply))
         self._rough_product = recorded(launch, partial(rough, self._rough.apply))
         self._precondition = recorded(launch, partial(rough, self._inner.solve))
@@ -256,12 +257,12 @@ class GravityWaves:
         return result
 
     def _eliminate(self, r: wp.array, b: wp.array) -> None:
-        self.operator.eliminate(r, self._field)
-        self.operator.to_nodes(self._field, b)
+        self.operator.eliminate(r, self._fields[0])
+        self.operator.to_nodes(self._fields[0], b)
 
     def _substitute(self, r: wp.array, out: wp.array) -> None:
-        self.operator.to_field(self._h, self._field)
-        self.operator.substitute(r, self._field, out)
+        self.operator.to_field(self._h, self._fields[0])
+        self.operator.substitute(r, self._fields[0], out)
 
 
 def _on_fields(

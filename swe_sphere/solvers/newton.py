@@ -15,8 +15,7 @@ from swe_sphere.equations.right_hand_side import Operator
 from swe_sphere.solvers.krylov import FlexibleGMRES, SolveResult, Status
 from swe_sphere.solvers.vector_space import VectorSpace
 
-# The unknown cannot resolve a correction of so few of its round-offs, nor a linear solve reduce its
-# residual to so few.
+# Number of round-offs below which corrections are not resolved, nor the residuals of linear solves.
 ROUNDOFFS = 1e3
 # Least reduction of the guess's residual; accepting every guess would be an explicit scheme.
 LEAST_GAIN = 0.5
@@ -112,8 +111,7 @@ class NewtonKrylov:
         self.nonlinearity: float | None = None
         """Last measured nonlinearity, kept from solve to solve; see `forcing_term`."""
         self._residual, self._trial_residual = space.zeros(), space.zeros()
-        self._trial, self._direction = space.zeros(), space.zeros()
-        self._rhs, self._solution = gmres.space.zeros(), gmres.space.zeros()
+        self._trial, self._solution = space.zeros(), gmres.space.zeros()
 
     def solve(
         self, problem: Problem, x: wp.array, rtol: float = 1e-6, scale: float | None = None,
@@ -146,11 +144,11 @@ class NewtonKrylov:
         eta = self.forcing(norm, p.target, self.nonlinearity)
         problem.linearise(x)
         linear = self.gmres.solve(
-            problem.jacobian, space.converted(self._residual, self._rhs), self._solution,
+            problem.jacobian, space.converted(self._residual), self._solution,
             problem.precondition, rtol=max(eta, ROUNDOFFS * space.epsilon),
             max_iterations=self.max_krylov, scale=norm, guess=False,
         )  # fmt: skip
-        d = self.space.converted(self._solution, self._direction)
+        d = self.space.converted(self._solution)
         p.newton_iterations += 1
         p.krylov_iterations += linear.iterations
         if linear.status is Status.NAN:

@@ -37,7 +37,7 @@ class VectorSpace:
     """
 
     copy: Callable[[wp.array, wp.array], None]
-    """Function copy(source, target) that sets target = source, of any number type."""
+    """Function copy(source, target) that sets target = source; the source may be of any type."""
     clear: Callable[[wp.array], None]
     """Function clear(x) that sets x = 0."""
     scale: Callable[[float, wp.array], None]
@@ -107,12 +107,15 @@ class VectorSpace:
         """
         return wp.empty((rows, self.n), dtype=self.real, device=self.device)
 
-    def converted(self, x: wp.array, out: wp.array) -> wp.array:
-        """Return x if it has the number type of the space, else `out` with the same vector."""
-        if x.dtype is self.real:
-            return x
-        self.copy(x, out)
-        return out
+    def converted(self, x: wp.array) -> wp.array:
+        """Return x if it has the number type of the space, else a copy, valid until the next."""
+        if x.dtype is not self.real:
+            self.copy(x, self._converted)
+        return x if x.dtype is self.real else self._converted
+
+    @functools.cached_property
+    def _converted(self) -> wp.array:
+        return self.zeros()
 
     def axpy(self, a: float, x: wp.array, y: wp.array) -> None:
         """Set y = y + a x."""

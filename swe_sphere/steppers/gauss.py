@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -79,7 +78,7 @@ class CoupledStages(StageProblem):
         self.precondition = ForwardElimination(linear, one, parts) if parts else None
         self._slopes, self._images = single.stack(len(C)), one.stack(len(C))
         self._jacobians = [linear.jacobian() for _ in C]
-        self.converted = partial(one.converted, out=linear.zeros())
+        self.converted = one.converted
 
     def residual(self, x: wp.array, out: wp.array) -> None:
         """Set out_i = X_i - x - dt sum_j a_ij F(X_j)."""

@@ -3,7 +3,6 @@
 import math
 from abc import abstractmethod
 from collections.abc import Sequence
-from functools import partial
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -35,7 +34,7 @@ MOST_STEP_PARTS = 64
 class StageProblem:
     """x - tau F(x, t) = rhs, with the Jacobian products of `Model.jacobian`.
 
-    `space` is that of x, `linear_space` that of vectors in linear solves: see `Model.for_solves`.
+    `space` contains x, `linear_space` the vectors of linear solves, see `Model.for_solves`.
     """
 
     tau_factor: ClassVar[float] = 1.0
@@ -48,7 +47,7 @@ class StageProblem:
         self._model, self.space, self.linear_space = model, space, energy_space(linear)
         self.precondition: Preconditioner | None = make_preconditioner(preconditioner, linear)
         self._slope, self._operator = model.zeros(), linear.jacobian()
-        self.converted = partial(self.linear_space.converted, out=linear.zeros())
+        self.converted = self.linear_space.converted
 
     def residual(self, x: wp.array, out: wp.array) -> None:
         """Set out = x - tau F(x) - rhs."""

@@ -72,8 +72,8 @@ def smooth_functions(mesh: Mesh) -> ElementSpace:
 def _numbered(mesh: Mesh, kept: Integers) -> NDArray[np.int32]:
     """Return numbers (E, k*k) of the nodes at the `kept` k GLL points in both directions.
 
-    They follow the lines of each face, so that their neighbours are at few distances: along xi1 if
-    the elements of the mesh are in rings, else along xi2, as the elements in memory do.
+    They follow the lines of each face, so that their neighbours are at few distances: along xi1 on
+    large meshes, whose elements are in rings, else along xi2, as elements follow in memory.
     """
     nodes = mesh.nodes[:, kept][:, :, kept].reshape(6, mesh.ne, mesh.ne, kept.size, kept.size)
     axes = (0, 2, 4, 1, 3) if mesh.nodes.size >= RINGED else (0, 1, 3, 2, 4)
@@ -213,7 +213,7 @@ class CoarsePart:
     def _contributing(self, places: Integers, size: int) -> tuple[wp.array, wp.array, wp.array]:
         """Return the contributions to functions as `assemble` reads them, in the mesh's order.
 
-        A missing contribution, as to functions of the ring, is that at `size`, which is zero.
+        A missing contribution, as to functions of the ring, points to `size`, where there is 0.
         """
         element, slot = np.nonzero(self._is_mine[self._numbers])
         row, lanes = self.here(self._numbers[element, slot]), self._mesh.lanes
@@ -230,7 +230,7 @@ class CoarsePart:
 
 
 def _by_rank(numbers: Integers, ranks: Integers) -> dict[int, Integers]:
-    """Return the numbers (n,) of each of their ranks (n,)."""
+    """Return the numbers (n,) grouped by rank; ranks (n,): the rank of each number."""
     return {r: numbers[ranks == r] for r in np.unique(ranks).tolist()}
 
 
