@@ -308,7 +308,7 @@ def test_jacobian_of_coupled_stages_is_exact(small_mountain, precision, most, mo
 
 @pytest.mark.parametrize("name", some(SOLVES))
 def test_linear_systems_in_float32_give_the_same_steps(small_mountain, name, monkeypatch) -> None:
-    """With as many Newton iterations, if the tolerance is that of a run, or fewer than twice."""
+    """The default tolerance takes as many Newton iterations, a tight one fewer than twice."""
     for tolerance, share in ((None, 1.0), (1e-10, 1.9)):
         ours = advance(name, small_mountain, HOUR, 4, tolerance=tolerance)
         with monkeypatch.context() as patch:

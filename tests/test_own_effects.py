@@ -446,7 +446,7 @@ class Slowing(PointwiseEffect):
 
 @dataclass(frozen=True)
 class Differentiable(Slowing):
-    """The same with its derivative."""
+    """This effect is `Slowing` with its derivative."""
 
     name = "slowing-with-derivative"
 

@@ -211,9 +211,8 @@ class DeviceMesh(NotCopyable):
 
     def runs(self, places: NDArray[np.integer]) -> tuple[wp.array, wp.array]:
         """Return the places (..., lanes) of registers as `load_runs` reads them, see `in_runs`."""
-        runs, rest = (
-            in_runs(places) if self.lanes > 1 else (places[..., 0], places.reshape(-1, 1)[:0])
-        )
+        plain = places[..., 0], places.reshape(-1, self.lanes)[:0]
+        runs, rest = in_runs(places) if self.lanes > 1 else plain
         stored = wp.array(runs, Runs if self.lanes > 1 else wp.int32, device=self.device)
         return stored, self.registers(rest, wp.int32)
 

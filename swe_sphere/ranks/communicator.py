@@ -136,7 +136,7 @@ class Communicator:
         return list(self.comm.allgather(mine)) if self.shared else [mine]
 
     def requests(self, wanted: dict[int, T]) -> dict[int, T]:
-        """Return by rank what each rank wants of this one; wanted: what this one wants, by rank."""
+        """Return the requests of all ranks to this one, by rank; wanted: those of this rank."""
         return {r: of[self.rank] for r, of in enumerate(self.allgather(wanted)) if self.rank in of}
 
     def on_root(self, function: Callable[[], T]) -> T:

@@ -108,7 +108,7 @@ class VectorSpace:
         return wp.empty((rows, self.n), dtype=self.real, device=self.device)
 
     def converted(self, x: wp.array) -> wp.array:
-        """Return x if it has the number type of the space, else a copy, valid until the next."""
+        """Return x if it has the number type of the space, else a copy until the next call."""
         if x.dtype is not self.real:
             self.copy(x, self._converted)
         return x if x.dtype is self.real else self._converted

@@ -70,11 +70,11 @@ class CoupledStages(StageProblem):
     def __init__(self, model: Model, single: VectorSpace, preconditioner: str) -> None:
         """Create the problem; `single` is the space of one stage."""
         linear = model.for_solves
-        self._model, self._single, self._linear_single = model, single, energy_space(linear)
+        one = single if linear is model else energy_space(linear)
+        self._model, self._single, self._linear_single = model, single, one
         # means over the stages, so that a tolerance has its meaning for one state
         self.space, self.linear_space = (energy_space(each, len(C)) for each in (model, linear))
         parts = [made for _ in C if (made := make_preconditioner(preconditioner, linear))]
-        one = self._linear_single
         self.precondition = ForwardElimination(linear, one, parts) if parts else None
         self._slopes, self._images = single.stack(len(C)), one.stack(len(C))
         self._jacobians = [linear.jacobian() for _ in C]

@@ -44,7 +44,8 @@ class StageProblem:
 
     def __init__(self, model: Model, space: VectorSpace, preconditioner: str) -> None:
         linear = model.for_solves
-        self._model, self.space, self.linear_space = model, space, energy_space(linear)
+        self._model, self.space = model, space
+        self.linear_space = space if linear is model else energy_space(linear)
         self.precondition: Preconditioner | None = make_preconditioner(preconditioner, linear)
         self._slope, self._operator = model.zeros(), linear.jacobian()
         self.converted = self.linear_space.converted
@@ -136,7 +137,7 @@ class NewtonStages(StageSolver):
         return None
 
     def norm_of_solution(self, tau: float, state: wp.array, rhs: wp.array, rtol: float) -> float:
-        """Return |x|, (I - tau J) x = rhs with J at a state; infinity if the solve fails."""
+        """Return |x| of (I - tau J) x = rhs, J at a state; it is infinite if the solve fails."""
         problem = self.problem
         problem.tau, x = tau, problem.linear_space.zeros()
         problem.linearise(state)

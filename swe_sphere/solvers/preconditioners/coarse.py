@@ -191,7 +191,7 @@ class CoarsePart:
         return np.asarray(self._owner[first[functions] // self._numbers.shape[1]])
 
     def messages(self, functions: Integers) -> tuple[dict[int, Integers], dict[int, Integers]]:
-        """Return indices here of functions that others want, and these `functions`, by rank."""
+        """Return indices here of functions that ranks request, and the `functions`, by rank."""
         wanted = _by_rank(functions, self.owner_of(functions))
         return {r: self.here(f) for r, f in self._mesh.comm.requests(wanted).items()}, wanted
 
