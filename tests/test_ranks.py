@@ -199,8 +199,9 @@ MODES = {
     5: {"plain": SOME, "small-basis": LONG},
 }
 """By number of ranks: what they do, all of it once they have been started, which takes longer."""
-CUT = [[*case[:3], 5, 8, 4, case[6]] for case in (*EXPLICIT[:3], EXPLICIT[4], *SUMMING[:3])]
-"""Cases with enough steps for recordings, which launch strips."""
+CUT = [[*case[:3], 18, 8, 4, case[6]] for case in (*EXPLICIT[:3], EXPLICIT[4])]
+CUT += [[*case[:3], 5, 8, 4, case[6]] for case in SUMMING[:3]]
+"""Cases with enough steps for recordings, which launch strips; explicit steps are taken at once."""
 FEW = [EXPLICIT[0], SUMMING[2]]
 """Cases of two ranks in the tests that are not thorough."""
 

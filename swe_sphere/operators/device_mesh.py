@@ -303,13 +303,17 @@ class DeviceMesh(NotCopyable):
         return away if away >= LEAST_AWAY else 0
 
     @functools.cached_property
+    def is_cut(self) -> bool:
+        """True if parts of this mesh that are not too small are cut into strips."""
+        return self.lanes > 1 and self.mesh.nodes.size >= partition.RINGED
+
+    @functools.cached_property
     def strips(self) -> Strips | None:
         """Strips for launches away from the rim; None on small parts and in launch shape "node"."""
-        is_large = self.lanes > 1 and self.mesh.nodes.size >= partition.RINGED
-        if is_large:  # all ranks load the kernel together, although some may have no strips
+        if self.is_cut:  # all ranks load the kernel together, although some may have no strips
             (self.launch.sweep,) = self.launch.compile(wp.float64, sweep_strips)
-        is_cut = is_large and self.away and self.part.interior_nodes.any()
-        return Strips(self.part, self.away, self.lanes) if is_cut else None
+        has_strips = self.is_cut and self.away and self.part.interior_nodes.any()
+        return Strips(self.part, self.away, self.lanes) if has_strips else None
 
     def spans(self, begin: int = 0) -> list[Span]:
         """Return the nodes from `begin` on: in one span, or as `Strips.spans`."""

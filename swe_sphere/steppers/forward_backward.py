@@ -212,7 +212,7 @@ class ForwardBackward(DepthThenWind):
     diffusion_steps = 1
     diffusion_order = 1
     repeats_from: ClassVar[int] = 2
-    fused_steps = 2
+    fused_steps = 4
     waves: ClassVar[Triple] = (1 / 5, 1 / 3, 3 / 20)
     """The wind, mass and gamma of `level_weights`."""
     strong: ClassVar[Triple] = (1 / 5, 1 / 5, 1 / 5)
@@ -290,6 +290,7 @@ class ForwardBackwardRK3(DepthThenWind):
 
     name, order = "fb-rk3", 2
     repeats_from = 0
+    fused_steps = 2
     reach = 2.4  # at rest the limit is 4, in any wind at most 3, in fast rotation 2.5
     fractions: ClassVar[tuple[float, ...]] = (1 / 3, 1 / 2, 1.0)
     """Length of each stage, which begins with the step, as a fraction of the step."""

@@ -31,7 +31,7 @@ class Leapfrog(Stepper):
     diffusion_steps = 2
     holds_damping = True
     repeats_from = 1
-    fused_steps = 2
+    fused_steps = 8
     reach = 2.0
 
     default_strength: ClassVar[float] = 0.1

@@ -29,7 +29,7 @@ class RungeKutta(Stepper):
     @classmethod
     def complete(cls) -> None:
         stability.check_order(cls, stability.checked_tableau(cls, "a", first=1, diagonal=False))
-        cls.reach = 2.0 * len(cls.b)
+        cls.reach, cls.fused_steps = 2.0 * len(cls.b), -(-8 // len(cls.b))
 
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)

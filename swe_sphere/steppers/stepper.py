@@ -194,7 +194,8 @@ class Stepper(Trajectory, ABC):
     """Number of the step from which `advance` launches only the same kernels on arrays that `swap`
     exchanges, so that it can be recorded; None: never. Another `advance` does not inherit it."""
     fused_steps: ClassVar[int] = 1
-    """Number of steps launched as a whole on large meshes, see `operators/strips.py`."""
+    """Most steps launched as a whole on large meshes, see `operators/strips.py`: about eight
+    evaluations, while data that one evaluation has read remain in the third-level cache."""
     safety: ClassVar[float] = 0.85
     """Fraction of the stability limit that an automatic step uses: winds grow during a run."""
     courant: ClassVar[float] = 2.0
@@ -306,21 +307,21 @@ class Stepper(Trajectory, ABC):
         self.steps += 1
 
     def take(self, most: int) -> None:
-        following = range(self.steps, self.steps + self.fused_steps)
         repeats = type(self._replay) is Replay and self.steps >= (self.repeats_from or 0)
         alone = self._split_diffusion is None and self.model.limiter is None
-        alone = alone and not any(map(self._is_penalised, following))
-        mesh = self.model.device_mesh
-        is_cut = mesh.strips is not None and not mesh.comm.shared
-        if not (repeats and alone and is_cut and 1 < self.fused_steps <= most):
+        is_cut = self.model.device_mesh.is_cut
+        count = min(self.fused_steps if repeats and alone and is_cut else 1, most)
+        while any(map(self._is_penalised, range(self.steps, self.steps + count))):
+            count //= 2
+        if count <= 1:
             self.step()
             return
         assert self._replay is not None
-        swaps = iter(range(self.fused_steps))
-        self._replay((self.state.ptr, self.fused_steps), self._advance_all, swaps)
+        swaps = iter(range(count))
+        self._replay((self.state.ptr, count), self._advance_all, swaps)
         for _ in swaps:
             self.swap()
-        self.steps += self.fused_steps
+        self.steps += count
 
     def _advance_all(self, swaps: Iterator[int]) -> None:
         """Take a step for each of the swaps, which are consumed."""
