@@ -129,6 +129,7 @@ class AdaptiveSteps(Trajectory):
             self._cut(t, dt, why, ratio, "choose a larger tolerance of adaptive")
             return False
         scheme.accept(dt)
+        self.state = scheme.state
         self.counters["accepted_steps"] += 1
         if dt >= self.next_dt * (1.0 - 1e-9):
             self.next_dt, self._before = min(self.dt, dt * ratio), error

@@ -158,10 +158,11 @@ class BDF2(ImplicitStepper):
         w = dt / before
         now, past = (1.0 + w) ** 2 / (1.0 + 2.0 * w), -(w**2) / (1.0 + 2.0 * w)
         self.space.axpby(past, self.previous, now, self.state, self._rhs)
-        self.space.axpby(-w, self.previous, 1.0 + w, self.state, out)
-        self.space.axpy(0.5 * EXTRAPOLATED_SHARE * dt * (dt + before), self.solver.curvature, out)
+        slope, curvature = self.solver.mean_slope, self.solver.curvature
+        bend = 0.5 * EXTRAPOLATED_SHARE * dt * (dt + before)
+        self.model.launch.combine(self.state, slope, dt, curvature, bend, out=out)
         return self.solver.solve(dt * (1.0 + w) / (1.0 + 2.0 * w), t + dt, self._rhs, out)
 
     def accept(self, dt: float) -> None:
-        self.space.copy(self.state, self.previous)
         super().accept(dt)
+        self.previous, self.new = self.new, self.previous

@@ -245,9 +245,12 @@ class VariableStepper(Stepper):
         """
 
     def accept(self, dt: float) -> None:
-        """Make `new`, a step of dt [s] on, the present state, and record its rate of change."""
+        """Make `new`, a step of dt [s] on, the present state, and record its rate of change.
+
+        `new` then holds the state before.
+        """
         self.solver.accept(self.state, self.new, dt)
-        self.space.copy(self.new, self.state)
+        self.state, self.new = self.new, self.state
 
 
 class ImplicitStepper(VariableStepper):
