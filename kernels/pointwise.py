@@ -11,7 +11,7 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import Placeholder, func, lanes, real, rows, struct_of, vector
+from swe_sphere.kernels.define import Placeholder, func, real, rows, struct_of, vector
 from swe_sphere.kernels.simd.arithmetic import mul
 from swe_sphere.kernels.simd.memory import load
 from swe_sphere.kernels.simd.stages import triple
@@ -127,16 +127,56 @@ def _coefficients(terms: tuple[PointTerm, ...]) -> Placeholder:
 def _rates_of(kind: str, unknowns: int, point: Pointwise, structure: Any) -> Any:
     """Return the function `wind` or `depth` of a `PointwiseSum`."""
     is_wind = kind == "wind"
-    some, offset = rows(2 if is_wind else 1), 0 if is_wind else unknowns - 1
+    some, three, offset = rows(2 if is_wind else 1), rows(3), 0 if is_wind else unknowns - 1
     acts = any(getattr(term, kind) for term in point.terms)
     of_terms = _sum_of_terms(kind, point.terms, point.tangent) if acts else None
 
     @func
-    def state(c: structure, i: int, size: int, w: vector, x: vector):
+    def state(c: structure, node: int, size: int, w: vector, x: vector):
+        s = three()
         if wp.static(unknowns == 1):
-            return triple(c.wind[i], c.wind[size + i], x[i])
+            s[0] = load(c.wind, node)
+            s[1] = load(c.wind, size + node)
+            s[2] = load(x, node)
         else:
-            return triple(w[i], w[size + i], x[2 * size + i])
+            s[0] = load(w, node)
+            s[1] = load(w, size + node)
+            s[2] = load(x, 2 * size + node)
+        return s
+
+    def from_lane(lane: int, of: Any) -> Any:
+        """Return the function that adds to r the rates of the terms, in this lane and later ones.
+
+        The compiler joins equal statements for all lanes to registers, but not a loop over lanes.
+        """
+        later = from_lane(lane + 1, of) if lane + 1 < of.lanes else None
+        is_last, is_alone = later is None, of.lanes == 1
+
+        @func
+        def add(c: structure, node: int, s: three, base: three, r: some):
+            if wp.static(is_alone):
+                at = triple(base[0], base[1], base[2])
+                d = triple(s[0], s[1], s[2])
+            else:
+                at = triple(base[0, lane], base[1, lane], base[2, lane])
+                d = triple(s[0, lane], s[1, lane], s[2, lane])
+            if wp.static(point.tangent and unknowns == 1):
+                d = triple(real(0.0), real(0.0), d[2])  # a prescribed wind does not change
+            rate = of_terms(c.terms, node + lane, at, d)
+            if wp.static(is_alone):
+                r += rate
+            else:
+                r[0, lane] = r[0, lane] + rate[0]
+            if wp.static(is_wind and not is_alone):
+                r[1, lane] = r[1, lane] + rate[1]
+            if wp.static(is_last):
+                return r
+            else:
+                return later(c, node, s, base, r)
+
+        return add.find(of)
+
+    add_terms = Placeholder(functools.partial(from_lane, 0)) if acts else None
 
     @func
     def rates(c: structure, node: int, size: int, w: vector, x: vector):
@@ -150,20 +190,11 @@ def _rates_of(kind: str, unknowns: int, point: Pointwise, structure: Any) -> Any
             r[0] = r[0] + mul(f, load(w, size + node))
             r[1] = r[1] - mul(f, load(w, node))
         if wp.static(acts):
-            for i in range(node, node + lanes):
-                d = state(c, i, size, w, x)
-                at = d
-                if wp.static(point.tangent):
-                    at = state(c, i, size, c.base, c.base)
-                if wp.static(point.tangent and unknowns == 1):
-                    d = triple(real(0.0), real(0.0), x[i])  # a prescribed wind does not change
-                rate = of_terms(c.terms, i, at, d)
-                if wp.static(lanes == 1):
-                    r += rate
-                else:
-                    r[0, i - node] = r[0, i - node] + rate[0]
-                if wp.static(lanes > 1 and is_wind):
-                    r[1, i - node] = r[1, i - node] + rate[1]
+            s = state(c, node, size, w, x)
+            base = s
+            if wp.static(point.tangent):
+                base = state(c, node, size, c.base, c.base)
+            r = add_terms(c, node, s, base, r)
         return r
 
     return rates

@@ -99,8 +99,8 @@ VARIABLE_STEP = tested(
         "BDF2: guess as for equal steps",
         BDF2,
         _GUESSES,
-        "axpby(-w, self.previous, 1.0 + w, self.state, out)",
-        "axpby(-1.0, self.previous, 2.0, self.state, out)",
+        "combine(self.state, slope, dt, curvature",
+        "combine(self.state, slope, before, curvature",
     ),
     (
         "Gauss-Legendre: slopes of the outer step",
