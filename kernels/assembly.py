@@ -16,7 +16,7 @@ import warp as wp
 
 from swe_sphere.kernels.define import func, kernel, lanes, real, rows, vector
 from swe_sphere.kernels.element import Finish
-from swe_sphere.kernels.formulas import single
+from swe_sphere.kernels.formulas import row
 from swe_sphere.kernels.pointwise import Pointwise, pointwise_sum
 from swe_sphere.kernels.simd.arithmetic import mul
 from swe_sphere.kernels.simd.memory import Places, gather, load
@@ -74,8 +74,7 @@ def assemble_blocks(
     node = begin + lanes * wp.tid()
     scale = load(inverse_area, node)
     for k in range(count):
-        rate = single()
-        rate[0] = mul(scale, gather(local, places, node, k * stride))
+        rate = row(mul(scale, gather(local, places, node, k * stride)))
         store_stage_of_field(s, first + k * size + node, 0, rate, out)
 
 

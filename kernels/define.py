@@ -152,22 +152,21 @@ if TYPE_CHECKING:  # annotations of what Warp compiles are Warp types
     from typing import no_type_check as kernel
     from typing import no_type_check as unrolled
 else:
-    OPTIONS = {"module": "unique", "enable_backward": False, "module_options": {"max_unroll": 1}}
-    """Options of most kernels.  Unrolled loops take long to compile.  All kernels share their
-    compiler flags (`keep_headers`): each set compiles Warp's headers again, which takes seconds."""
 
     def func(f: Any) -> KernelTemplate:
         """Turn the decorated Python function into a device function."""
         return KernelTemplate(f, lambda made, _: wp.func(made))
 
-    def kernel(f: Any) -> KernelTemplate:
-        """Turn the decorated Python function into a kernel."""
-        return KernelTemplate(f, lambda made, _: wp.kernel(made, **OPTIONS))
+    def kernel(f: Any, unroll: int = 1) -> KernelTemplate:
+        """Turn the function into a kernel whose loops of up to `unroll` rounds are unrolled.
 
-    def unrolled(f: Any) -> KernelTemplate:
-        """Turn the function into a kernel whose loops of up to 16 (largest np) are unrolled."""
-        options = OPTIONS | {"module_options": {"max_unroll": 16}}
-        return KernelTemplate(f, lambda made, _: wp.kernel(made, **options))
+        Unrolled loops take long to compile. All kernels share their compiler flags
+        (`keep_headers`): each set compiles Warp's headers again, which takes seconds.
+        """
+        options = {"module": "unique", "module_options": {"max_unroll": unroll}}
+        return KernelTemplate(f, lambda made, _: wp.kernel(made, enable_backward=False, **options))
+
+    unrolled = functools.partial(kernel, unroll=16)  # the largest np
 
 
 @functools.cache

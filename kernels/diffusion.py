@@ -17,7 +17,7 @@ import warp as wp
 
 from swe_sphere.kernels.define import func, index, real, rows, value, vector
 from swe_sphere.kernels.dynamics import surface_height
-from swe_sphere.kernels.formulas import Formula, no_wind, none, pair, winds_at
+from swe_sphere.kernels.formulas import Formula, no_wind, none, pair, two_rows, winds_at
 from swe_sphere.kernels.metric import contravariant_flux, covariant_wind, curl, divergence, gradient
 from swe_sphere.kernels.simd.arithmetic import mul
 from swe_sphere.kernels.simd.memory import load_nodes
@@ -116,24 +116,15 @@ winds, load_winds = winds_at(own=True, base=False)
 
 @func
 def _wind_components(geo: geometry, w: winds, a: vector, x: vector, at: int, e: int, n: int):
-    r1 = pair()
-    r2 = pair()
     f1, f2 = contravariant_flux(geo.basis, e, n, w[0], w[1])
     u1, u2 = covariant_wind(geo.basis, e, n, w[0], w[1])
-    r1[0] = f1
-    r1[1] = u2
-    r2[0] = f2
-    r2[1] = u1
-    return r1, r2
+    return two_rows(f1, u2), two_rows(f2, u1)
 
 
 @func
 def _weighted(geo: geometry, w: winds, d1: pair, d2: pair, e: int, n: int):
     weight = geo.weight[n // np_, n % np_] * geo.strength[e, n]
-    r = pair()
-    r[0] = mul(weight, divergence(d1[0], d2[0]))
-    r[1] = mul(weight, curl(d1[1], d2[1]))
-    return r
+    return two_rows(mul(weight, divergence(d1[0], d2[0])), mul(weight, curl(d1[1], d2[1])))
 
 
 derivatives = Formula(winds, load_winds, pair, _wind_components, _weighted, 2, edges_only=True)
@@ -155,10 +146,7 @@ def _jumps(geo: geometry, w: none, a: vector, x: vector, at: int, e: int, n: int
 def _weak(geo: geometry, w: none, d1: pair, d2: pair, e: int, n: int):
     gu, gv = gradient(geo.basis, e, n, d1[0], d2[0])
     cu, cv = gradient(geo.basis, e, n, d1[1], d2[1])
-    r = pair()
-    r[0] = cv - gu
-    r[1] = -gv - cu
-    return r
+    return two_rows(cv - gu, -gv - cu)
 
 
 weak_form = Formula(none, no_wind, pair, _jumps, _weak, 2, is_scalar=True)

@@ -10,7 +10,7 @@ from typing import Any
 import warp as wp
 
 from swe_sphere.kernels.define import func, index, real, rows, value, vector
-from swe_sphere.kernels.formulas import Formula, no_wind, none, pair, row, single, winds_at
+from swe_sphere.kernels.formulas import Formula, no_wind, none, row, single, two_rows, winds_at
 from swe_sphere.kernels.metric import contravariant_flux, covariant_wind, curl, divergence, dot
 from swe_sphere.kernels.metric import gradient as grad
 from swe_sphere.kernels.simd.arithmetic import mul
@@ -62,10 +62,7 @@ def _field(geo: geometry, w: none, a: vector, x: vector, at: int, e: int, n: int
 def _slope(geo: geometry, w: none, d1: single, d2: single, e: int, n: int):
     weight = geo.weight[n // np_, n % np_]
     east, north = grad(geo.basis, e, n, d1[0], d2[0])
-    r = pair()
-    r[0] = weight * east
-    r[1] = weight * north
-    return r
+    return two_rows(weight * east, weight * north)
 
 
 gradient = Formula(none, no_wind, single, _field, _slope, 2, is_scalar=True)
@@ -91,11 +88,10 @@ def vector_invariant(terms: Terms) -> Formula:
 
     @func
     def result(geo: geometry, w: winds, d1: kind, d2: kind, e: int, n: int):
+        zeta = value(real(0.0))
         if wp.static(terms.advection):
             zeta = curl(d1[last], d2[last])
-            return rates(geo, d1, d2, e, n, mul(zeta, w[1]), mul(zeta, w[0]))
-        else:
-            return rates(geo, d1, d2, e, n, value(real(0.0)), value(real(0.0)))
+        return rates(geo, d1, d2, e, n, mul(zeta, w[1]), mul(zeta, w[0]))
 
     return Formula(winds, load_winds, kind, operands, result, 3 - terms.momentum, needs_winds=True)
 

@@ -78,3 +78,12 @@ def row(v: value):
     r = single()
     r[0] = v
     return r
+
+
+@func
+def two_rows(u: value, v: value):
+    """Return the rows that hold the registers u and v."""
+    r = pair()
+    r[0] = u
+    r[1] = v
+    return r

@@ -14,7 +14,7 @@ import warp as wp
 from swe_sphere.kernels.define import Placeholder, func, kernel, lanes, struct_of, vector
 from swe_sphere.kernels.dynamics import transport
 from swe_sphere.kernels.element import Finish
-from swe_sphere.kernels.formulas import pair, single
+from swe_sphere.kernels.formulas import pair, row, single, two_rows
 from swe_sphere.kernels.local import field_kernel, tendency_kernels
 from swe_sphere.kernels.pointwise import Pointwise, pointwise_sum
 from swe_sphere.kernels.simd.arithmetic import mul
@@ -116,16 +116,13 @@ def run_kernels(unknowns: int, point: Pointwise, damped: bool) -> tuple[Any, Any
     ):
         node = begin + lanes * wp.tid()
         for k in range(count):
-            r = single()
-            r[0] = gather(local, places, node, k * stride)
+            r = row(gather(local, places, node, k * stride))
             mass(geo, s.mass_mix, r, k, node, s)
 
     @kernel
     def wind(begin: int, geo: geometry, places: Places, stride: int, local: vector, s: levels):
         node = begin + lanes * wp.tid()
-        r = pair()
-        r[0] = gather(local, places, node, 0)
-        r[1] = gather(local, places, node, stride)
+        r = two_rows(gather(local, places, node, 0), gather(local, places, node, stride))
         finish(geo, s.wind_mix, r, 0, node, s)
 
     return depth, wind, geometry

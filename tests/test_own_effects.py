@@ -35,6 +35,7 @@ from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.pointwise import PointTerm, Pointwise
 from swe_sphere.mesh import Mesh
+from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.restart import run_sources
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.solvers.preconditioners import make_preconditioner
@@ -418,9 +419,10 @@ def test_linearised_dynamics_need_its_derivative(path: Path) -> None:
 
 
 def test_a_run_knows_the_file_it_comes_from(path: Path) -> None:
-    sources = run_sources(str(path), own(path, "friction"))
+    config = make_config({"scene": str(path)})
+    sources = run_sources(config, own(path, "friction"))
     path.write_text(FILE.replace("-rate * u", "-2.0 * rate * u"))
-    assert run_sources(str(path), own(path, "friction")) != sources
+    assert run_sources(config, own(path, "friction")) != sources
     path.write_text(FILE)
 
 

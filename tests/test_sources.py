@@ -113,15 +113,16 @@ def test_files_of_a_scene_are_the_chain_of_its_bases_and_its_data(tmp_path, monk
     )
     (tmp_path / "winds.nc").write_bytes(b"winds")
     scene = get_scene("top.toml")
-    before = run_sources("top.toml", scene)
+    config = make_config({"scene": "top.toml"})
+    before = run_sources(config, scene)
     assert [*before] == ["the scene's file", "low/middle.toml", "low/flow.py", "winds.nc"]
     for name, file in zip(before, ("top.toml", *[*before][1:]), strict=True):
         text = Path(file).read_bytes()
         Path(file).write_bytes(text + b" ")
-        now = run_sources("top.toml", scene)
+        now = run_sources(config, scene)
         assert [other for other in before if now[other] != before[other]] == [name]
         Path(file).write_bytes(text)
-    assert run_sources("lauter", get_scene("lauter")) == {}
+    assert run_sources(make_config({"scene": "lauter"}), get_scene("lauter")) == {}
 
 
 # --- restarts

@@ -30,51 +30,25 @@ def shared_lines(kind: Any, np_: int, name: str, transposed: bool) -> tuple[Any,
     `across` of the second ones, (room, d, i, j).
     """
     count = len(kind.find(Register(wp.float64))())
-    held = f"number {name}[{2 * count * MOST_THREADS}];"
+    sizes = {"count": count, "apart": MOST_THREADS}
 
-    @Register.func_native(f"""
-    #ifdef __CUDA_ARCH__
-        __shared__ {held}
-        __syncthreads();  // all have read what was here
-        return wp::uint64({name} + threadIdx.x - node);
-    #else
-        static {held}
-        return wp::uint64({name});
-    #endif
-    """)
+    @Register.func_native(source("shared_enter", block=name, size=2 * count * MOST_THREADS))
     def enter(node: int) -> wp.uint64: ...
 
-    @Register.func_native(f"""
-    #ifdef __CUDA_ARCH__
-        return 1;
-    #else
-        return node == 0 ? {np_ * np_} : 0;
-    #endif
-    """)
+    @Register.func_native(source("shared_turns", points=np_ * np_))
     def turns(node: int) -> int: ...
 
-    @Register.func_native(f"""
-        const auto to = reinterpret_cast<number*>(room) + p;
-        #pragma unroll
-        for (int k = 0; k < {count}; ++k) {{
-            to[k * {MOST_THREADS}] = first.c[k];
-            to[({count} + k) * {MOST_THREADS}] = second.c[k];
-        }}
-    """)
+    @Register.func_native(source("shared_put", **sizes))
     def put(room: wp.uint64, p: int, first: kind, second: kind): ...
 
-    @Register.func_native("""
-    #ifdef __CUDA_ARCH__
-        __syncthreads();
-    #endif
-    """)
+    @Register.func_native(source("shared_meet"))
     def meet(): ...
 
     def line_sum(row: int, factor: str, node: str) -> Any:
         """Return the sum over m of d at `factor` times the numbers at `node`, starting at a row."""
-        sizes = {"count": count, "np": np_, "apart": MOST_THREADS, "begin": row * MOST_THREADS}
+        given = sizes | {"np": np_, "begin": row * MOST_THREADS, "factor": factor, "node": node}
 
-        @Register.func_native(source("shared_sum", **sizes, factor=factor, node=node))
+        @Register.func_native(source("shared_sum", **given))
         def shared_sum(room: wp.uint64, d: wp.array2d(dtype=real), i: int, j: int) -> kind: ...
 
         return shared_sum

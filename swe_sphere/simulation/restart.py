@@ -3,7 +3,6 @@
 import json
 import math
 import os
-from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -279,12 +278,11 @@ def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
     """Return all data that a run must share with another one to resume it."""
     from swe_sphere.steppers import get_stepper
 
-    methods = {"stepper": config.stepper, "preconditioner": config.chosen_preconditioner}
     return {
         "scene": scene.name, "stepper": get_stepper(config.stepper).name, "ne": mesh.ne,
         "np": mesh.np, "stretch": mesh.stretch, "centre": [*mesh.centre], "spin": mesh.spin,
         "precision": config.precision, "tracer_steps": config.tracer_steps, **scene_identity(scene),
-        "sources": run_sources(config.scene, scene, config.diagnostics, **methods),
+        "sources": run_sources(config, scene),
     }  # fmt: skip
 
 
@@ -299,21 +297,21 @@ def scene_identity(scene: Scene) -> dict[str, object]:
     }  # fmt: skip
 
 
-def run_sources(
-    name: str, scene: Scene, diagnostics: Iterable[Path] = (), **methods: str | None
-) -> dict[str, str]:
-    """Return fingerprints of the files of a scene, its data, diagnostics and custom methods.
+def run_sources(config: RunConfig, scene: Scene) -> dict[str, str]:
+    """Return fingerprints of the files of a run: its scene, data, diagnostics and custom methods.
 
     Names of files on which a TOML scene builds (`base`) are relative to its own, so that the folder
     may be moved.  Files of data are those whose names are parameters of the scene; other files that
     a Python scene reads are not tracked.  A scene of the package without data adds no file.
     Raises ConfigError if a file has disappeared since it was loaded.
     """
+    methods = {"stepper": config.stepper, "preconditioner": config.chosen_preconditioner}
     try:
-        files = scene_files(name)
+        files = scene_files(config.scene)
         labels = (SCENE_FILE, *(os.path.relpath(path, files[0].parent) for path in files[1:]))
         found = {label: file_fingerprint(path) for label, path in zip(labels, files, strict=False)}
-        found |= {f"{DIAGNOSTICS_PREFIX}{each}": file_fingerprint(each) for each in diagnostics}
+        for path in config.diagnostics:
+            found[f"{DIAGNOSTICS_PREFIX}{path}"] = file_fingerprint(path)
         for what, file in methods.items():
             if file and is_user_file(file):
                 found[f"the {what}'s file"] = file_fingerprint(Path(file))

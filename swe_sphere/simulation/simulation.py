@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
-from functools import cached_property, partial, wraps
+from functools import cache, cached_property, partial, wraps
 from itertools import pairwise
 from pathlib import Path
 from threading import RLock
@@ -175,7 +175,7 @@ class Simulation(errors.NotCopyable):
         self.model = Model(self.mesh, self.scene, *launch, comm=self.comm)
         """The compiled right-hand side."""
         _ = self.model.limiter  # refused, if at all, before a file is written
-        self._times: dict[float, list[float]] = {}  # by the length of the run [days]
+        self._times = cache(partial(planning.limiting_times, self.model))  # by the length [days]
         self._limits: dict[float, float] = {}  # by the last of these times [s]
         self.warn: Warn = lambda text: None
         """Called with each warning of a run."""
@@ -268,9 +268,7 @@ class Simulation(errors.NotCopyable):
 
     def limiting_times(self) -> list[float]:
         """Return the times [s] that limit the steps of the run; see `planning.limiting_times`."""
-        if self.days not in self._times:
-            self._times[self.days] = planning.limiting_times(self.model, self.days)
-        return self._times[self.days]
+        return self._times(self.days)
 
     @cached_property
     @exclusive

@@ -81,8 +81,7 @@ def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], No
 
 def _check_sources(found: Mapping[str, object], config: RunConfig, scene: Scene) -> None:
     """Raise ConfigError if the code or the user's files of a run have changed since."""
-    methods = {"stepper": config.stepper, "preconditioner": config.chosen_preconditioner}
-    sources = run_sources(config.scene, scene, config.diagnostics, **methods)
+    sources = run_sources(config, scene)
     if found.get("code") != code_fingerprint() or table_in(str(found.get("sources"))) != sources:
         raise ConfigError(
             f"{config.out} was made by other code, or from files that have been edited since: make"

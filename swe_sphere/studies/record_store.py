@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from swe_sphere.errors import ConfigError, Interrupted, SweError, in_one_line
-from swe_sphere.files.durable import contents_of, release, take_lock, write_whole
+from swe_sphere.files.durable import contents_of, release, take_lock, translate_errors, write_whole
 from swe_sphere.settings.values import place_and_complaint
 from swe_sphere.simulation.loop import Interruption
 from swe_sphere.simulation.observers import Observer
@@ -139,11 +139,9 @@ def locked(folder: Path) -> Iterator[None]:
     Reading stays possible. On a file system without locks the function only creates the folder.
     Raises ConfigError if another process holds the folder, or it cannot be created.
     """
-    try:
+    with translate_errors(f"out: {folder} cannot be created"):
         folder.mkdir(parents=True, exist_ok=True)
         file = os.open(folder, os.O_RDONLY)
-    except OSError as error:
-        raise ConfigError(f"out: {folder} cannot be created: {error.strerror}") from None
     try:
         if not take_lock(file):
             raise ConfigError(

@@ -297,12 +297,7 @@ class Evaluator:
     def __call__(self, space: Discretisation, history: History) -> list[Errors]:
         """Return the errors of all kinds of the fields at report days."""
         converged = self.converged(space)
-        days, model = [day for day in history if day in converged], space.sim.model
-        found = self._total_errors(space, history)
-        for kind, errors in self._errors.items():
-            of_days = {day: errors(model, history[day], converged[day]) for day in days}
-            found += Errors.of(kind, of_days)
-        return found
+        return self._total_errors(space, history) + self._apart(space, history, converged)
 
     def converged(self, space: Discretisation) -> History:
         """Return the fields at report days of a time-converged run on the same mesh in float64.
@@ -347,17 +342,21 @@ class Evaluator:
         made = {spec: self._make(spec) for spec in (coarse, fine)}
         ours, right = (fields for _, fields in made.values())
         setup, space = fine.setup, fine.setup.space
-        days = [day for day in ours if day in right]
-        apart = {
-            kind: {day: errors(space.sim.model, ours[day], right[day]) for day in days}
-            for kind, errors in self._errors.items()
-        }
         gain = 2.0 ** setup.stepper_class.order_in(space.sim.model, **setup.options)
         for spec, share in ((coarse, gain / (gain - 1.0)), (fine, 1.0 / (gain - 1.0))):
             record, fields = made[spec]
-            errors = self._total_errors(space, fields)
-            errors += [each for kind in apart for each in Errors.of(kind, apart[kind], share)]
+            errors = self._total_errors(space, fields) + self._apart(space, ours, right, share)
             self._keep(spec, record.model_copy(update={"errors": errors}), fields)
+
+    def _apart(
+        self, space: Discretisation, ours: History, right: History, share: float = 1.0
+    ) -> list[Errors]:
+        """Return time and slow-flow errors at the common days, multiplied by `share`."""
+        days, found = [day for day in ours if day in right], list[Errors]()
+        for kind, errors in self._errors.items():
+            of_days = {day: errors(space.sim.model, ours[day], right[day]) for day in days}
+            found += Errors.of(kind, of_days, share)
+        return found
 
     def _kept(self, spec: RunSpec) -> History | None:
         """Return the stored fields of a run at report days: {} if it failed, None if none are."""

@@ -267,7 +267,7 @@ class Study:
         Scenes of one name are distinguished by their origin: the package, a file or an object.
         Times of one processor do not apply to another.
         """
-        files = run_sources(self.plan.scene, self.scene)
+        files = run_sources(self.plan.run_config(), self.scene)
         origin = "a file" if fingerprints.SCENE_FILE in files else "the package"
         if self._own is not None:
             origin = users_fingerprint(self._own.initial)
