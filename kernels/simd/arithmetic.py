@@ -114,14 +114,12 @@ def columns_products(
 
 @functools.cache
 def _rooms(register: Register) -> Any:
-    attributes = f"__attribute__((ext_vector_type({register.lanes}), aligned(sizeof(double))))"
-    as_wide = "__builtin_convertvector(r, wide)" if register.lanes > 1 else "wide(r)"
+    attributes, widened = "", "wide(r)"
+    if register.lanes > 1:
+        attributes = f"__attribute__((ext_vector_type({register.lanes}), aligned(sizeof(double))))"
+        widened = "__builtin_convertvector(r, wide)"
 
-    @Register.func_native(f"""
-        typedef double wide {attributes if register.lanes > 1 else ""};
-        const auto widen = [](run r) {{ return {as_wide}; }};
-        {source("rooms")}
-    """)
+    @Register.func_native(source("rooms", attributes=attributes, widened=widened))
     def rooms(
         area: wp.array(dtype=wp.float64), x: vector, depth: int, first: int, begin: int, end: int,
         low: real, high: real,

@@ -1,4 +1,6 @@
-// Body of rooms in arithmetic.py; `wide` is a register of double, which widen(run) returns.
+// Body of rooms in arithmetic.py; `wide` is a register of double.
+typedef double wide $attributes;
+const auto widen = [](run r) { return $widened; };
 wide sums[3] = {};
 const auto add = [&](auto mass, auto h, auto space, auto to) {
     const auto least = low * h, most = high * h;
