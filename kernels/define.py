@@ -100,14 +100,11 @@ class Placeholder:
 
     def __init__(self, find: Callable[[Any], Any], of_elements: bool = False) -> None:
         """Store `find`: a function of a `Register`, or of `KernelTypes` if `of_elements`."""
-        self._find, self.of_elements, self._found = find, of_elements, dict[Any, Any]()
+        self._find, self.of_elements = functools.cache(find), of_elements
 
     def find(self, of: Any) -> Any:
         """Return the value for a `Register` or `KernelTypes`, the same object each time."""
-        key = of if self.of_elements else of.register
-        if key not in self._found:
-            self._found[key] = self._find(key)
-        return self._found[key]
+        return self._find(of if self.of_elements else of.register)
 
 
 class KernelTemplate(Placeholder):
