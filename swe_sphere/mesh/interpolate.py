@@ -37,11 +37,6 @@ class Interpolator:
         keeps = lon.size * mesh.np**2 <= MOST_ENTRIES
         self._tile = functools.cache(self._build_tile) if keeps else self._build_tile
 
-    @property
-    def matrix(self) -> "scipy.sparse.csr_array":
-        """CSR matrix (points, N) with np^2 entries per row."""
-        return scipy.sparse.vstack([*map(self._tile, self._starts)], format="csr")
-
     def __call__(self, field: Array) -> Array:
         """Return values (*lon.shape, ...) at the points of nodal scalar fields (N, ...)."""
         rows = field.reshape(len(field), -1)
@@ -58,7 +53,7 @@ class Interpolator:
         return np.sum(values * east, axis=-1), np.sum(values * north, axis=-1)
 
     def _build_tile(self, start: int) -> "scipy.sparse.csr_array":
-        """Return the rows of the matrix for the tile of points that begins at `start`."""
+        """Return the rows, of np^2 entries, of the matrix for the tile that begins at `start`."""
         mesh = self.mesh
         lon, lat = (x.ravel()[start : start + TILE] for x in (self._lon, self._lat))
         element, xi1, xi2 = cubed_sphere.locate(mesh.placement.lift(position(lon, lat)), mesh.ne)

@@ -63,9 +63,7 @@ TICK = 0.1
 class Loop:
     """Steps a simulation along its plan; a health check sees each state before the observers do.
 
-    sim: the simulation.  observers: see states when due; those with `sees_end` also the last one.
-    time_limit: wall time that the run may take [s] since a time of time.monotonic; if since is
-    None, of its steps without compiling.  interruption: records signals.
+    sim: the simulation.  interruption: records signals.  Others: as in `Simulation.run_plan`.
     """
 
     def __init__(
