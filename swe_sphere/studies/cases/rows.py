@@ -260,7 +260,7 @@ def cells_of(row: Row) -> dict[str, str]:
         "Δt [s]": "" if math.isnan(row.dt) or case.method == "start" else f"{row.dt:.4g}",
         "× 1/ρ": _quantity(x, "") if (x := numbers.get("dt_over_gravity")) else "",
         **{head: shown.get(name, "") for name, head in COLUMNS.items()},
-        "other": ", ".join(f"{_label(name)} {shown[name]}" for name in others),
+        "other quantities": ", ".join(f"{_label(name)} {shown[name]}" for name in others),
         "of bound": f"{row.used:.2f}" if math.isfinite(row.used) else "",
         "outcome": f"**{row.outcome}**" if row.outcome in ("broke", "failed") else row.outcome,
     }  # fmt: skip
