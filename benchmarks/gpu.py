@@ -96,7 +96,8 @@ def steps() -> Section:
         f"williamson5, steps replayed as one graph, on {_gpu()}; a large copy moved"
         f" {copied / 1e9:.0f} GB/s there, bytes read and written both counted. Times are wall times"
         f" of an element node and step in picoseconds, least and median of {ROUNDS} rounds. Share:"
-        " bytes that the launches of a step name (see below) over time, as a share of the copy."
+        " bytes of all arrays that the kernels of a step read or write (see below) over time, as a"
+        " share of the copy."
         " Above 1, the cache kept what one launch had written until the next one read it."
     )
     columns = ["precision", "np", "stepper", "ne", "launches", "µs a step", "ps", "median", "share"]
@@ -302,12 +303,12 @@ def traffic() -> Section:
     peak = ", ".join(f"{each.flops / 1e12:g}" for each in DEVICES)
     note = (
         "**A prediction, not a measurement.** williamson5, an element node and a step. Bytes: of"
-        " all arrays that the launches of a step name, each counted once a launch, as if the caches"
-        " kept what neighbours share: a lower bound of the time. Operations: in"
+        " all arrays that the kernels of a step read or write, each counted once a launch, as if"
+        " the caches kept what neighbours share: a lower bound of the time. Operations: in"
         " the code that Warp generates, line sums included. Time: bytes over"
         f" the bandwidth in the makers' data sheets ({memory}); or, marked *, operations over the"
-        f" peak ({peak} TFLOP/s in float64, twice that in float32), where that is longer. The start"
-        " and the tail of each launch are not in it: meshes must be large (ne 120"
+        f" peak ({peak} TFLOP/s in float64, twice that in float32), where that is longer. Start-up"
+        " and end of each launch are not included: meshes must be large (ne 120"
         " and more). What the cache keeps from one launch to the next makes it faster."
     )
     columns = ["precision", "np", "stepper", "launches", "bytes", "operations"]

@@ -14,6 +14,7 @@ with the most places; the ratios of the other machines follow at its end.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator
 from itertools import product
 from pathlib import Path
@@ -195,13 +196,18 @@ def page(
         loader=FileSystemLoader(Path(__file__).parent), undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
-    filters = in_table, words.number, words.level, words.seconds, words.step
+    filters = named, in_table, words.number, words.level, words.seconds, words.step
     environment.filters |= {each.__name__: each for each in filters}
     return environment.get_template("resolution.md.j2").render(
         recipe=recipe, figures={name: caption for name, caption, _ in _panels(best)}, **fits,
         best=best, bases=BASES, base="explicit", families=OTHERS, elsewhere=elsewhere,
         findings=findings.rstrip(), break_even=break_even, again=again or {}, stamp=stamp_text,
     )  # fmt: skip
+
+
+def named(series: str) -> str:
+    """Return the name of a series with its wind in words."""
+    return re.sub(r"scene\.speed=(\S+)", r"\1 m/s", series)
 
 
 def stored_page() -> str:

@@ -238,8 +238,8 @@ def model() -> Section:
         f"omits that the waves solved for exactly have a mesh of at most ne {FINEST}, so that ne "
         f"{LARGE} would need a further level. The last columns show the model with trees of "
         "sums and a fully distributed coarse level that is visited twice." + disturbed(),
-        ["stepper", "ranks", "elements a rank", "as it is [s a step]", "in trees [s a step]",
-         "efficiency in trees"],
+        ["stepper", "ranks", "elements a rank", "present program [s a step]",
+         "sums along trees [s a step]", "efficiency of sums along trees"],
         rows,
     )  # fmt: skip
 

@@ -113,8 +113,8 @@ def multirate() -> Section:
         "Sub-steps for gravity waves",
         "Steps are automatic; l2 errors are those after 5 days (williamson5 without tracers), 3 "
         "days (galewsky) and 2 days (8 tracers), relative to rk4 with a quarter of its step. "
-        "Tracers take one step for each step of the flow, but where automatic tracer steps are "
-        "named. A "
+        "Tracers take one step for each step of the flow, except in rows with automatic tracer "
+        "steps. A "
         "sub-step of the waves costs as much as an evaluation of wind and depth, since both are "
         "bound by loads of metric terms, but it evaluates no tracers, forcing or limiter. `mis2` "
         "requires short steps in any wind, because its growth is limited to 1e-4 a step.",

@@ -30,9 +30,9 @@ PATIENCE = 8.0
 BOUNDS = (1e-3, 3e-4, 1e-4, 4e-5)
 """Errors of the table of least times, for scenes without bounds in settings.toml."""
 OWN, BESIDE = "swe-sphere", "shtns"
-COLUMNS = ["model", "resolution", "stepper", "Δt [s]", "numbers", "steps", "l2", "CPU [s]",
+COLUMNS = ["model", "resolution", "stepper", "Δt [s]", "precision", "steps", "l2", "CPU [s]",
            "median", "wall [s]", "runs"]  # fmt: skip
-NUMBERS, L2, CPU = (COLUMNS.index(name) for name in ("numbers", "l2", "CPU [s]"))
+PRECISION, L2, CPU = (COLUMNS.index(name) for name in ("precision", "l2", "CPU [s]"))
 
 
 def tables() -> dict[str, dict[str, Any]]:
@@ -147,7 +147,7 @@ def row(m: Measured) -> list[str]:
 
 def kind(line: Sequence[str]) -> str:
     """The model of a row, and its numbers where they are not double precision."""
-    return line[0] if line[NUMBERS] == "float64" else f"{line[0]}, {line[NUMBERS]}"
+    return line[0] if line[PRECISION] == "float64" else f"{line[0]}, {line[PRECISION]}"
 
 
 def quickest(rows: Sequence[Sequence[str]], bound: float) -> dict[str, Sequence[str]]:

@@ -112,7 +112,7 @@ def test_rules_are_fitted_to_three_meshes_and_checked_on_the_finest() -> None:
     there, third = power_law(8, machine="a far one", cores=7), power_law(16, machine="a third one")
     table = best_steps([*there, *sweeps, *third])
     text = page(table, Recipe("a map", ({},) * 10), "* Found.\n")
-    row = re.search(r"^\| williamson5, np4, scene.speed=20 \| 64, explicit \|(.*)", text, re.M)
+    row = re.search(r"^\| williamson5, np4, 20 m/s \| 64, explicit \|(.*)", text, re.M)
     assert [each.strip() for each in row[1].split("|")] == ["–", "–", "0.19 (0.19)", ""]
     assert "| – | not measured | – | 0.094 to 0.19 | 8.0 to 12 |" in text
     assert "ne 12, 0.050, 0.012 |" in text and "ne 6.0, 0.025, 0.0059 |" in text
@@ -120,12 +120,8 @@ def test_rules_are_fitted_to_three_meshes_and_checked_on_the_finest() -> None:
     assert "measured on 2026-01-01, 2026-01-02 (here, 1 cores)." in text
     assert "0 of the 27 steps that these ratios compare were timed once" in text
     beside, third = text.partition("on a far one, 7 cores")[2].split("on a third one, 1 cores")
-    assert re.search(
-        r"^\| williamson5, np4, scene.speed=5 \| 16 \|.* 0.38 \(0.38\) \|$", third, re.M
-    )
-    row = re.search(
-        r"^\| williamson5, np4, scene.speed=20 \| 8 \|.*\| (\S+) \((\S+)\) \|$", beside, re.M
-    )
+    assert re.search(r"^\| williamson5, np4, 5 m/s \| 16 \|.* 0.38 \(0.38\) \|$", third, re.M)
+    row = re.search(r"^\| williamson5, np4, 20 m/s \| 8 \|.*\| (\S+) \((\S+)\) \|$", beside, re.M)
     assert row[1] == row[2] == "1.5"
     assert {*resolution.figures(table)} == {*re.findall(r"!\[[^]]*\]\(([^)]*)\)", text)}
     rows = [line for line in text.splitlines() if line.startswith("|")]
