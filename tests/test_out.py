@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray
 
-from swe_sphere import Simulation
+from swe_sphere import Simulation, open_run
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.checkpoint import checkpoint_path, read_checkpoint
@@ -53,6 +53,49 @@ def test_a_finished_run_is_replaced_only_when_asked(finished):
     assert finished.read_bytes() == before
     assert small(scene="williamson2", out=finished, overwrite=True).completed
     assert RunFile(finished).attributes["scene"] == "williamson2"
+
+
+SOURCES = {
+    "flow.py": "from swe_sphere.testcases import get_scene\n"
+    "def scene():\n    return get_scene('williamson6')\n",
+    "flow.toml": 'base = "flow.py"\n',
+    "heun.py": "from swe_sphere.steppers.runge_kutta import RungeKutta\n"
+    "class Heun(RungeKutta):\n    name, order, a, b = 'heun', 2, ((1.0,),), (0.5, 0.5)\n",
+    "own.py": "from swe_sphere.solvers.preconditioners import Preconditioner\n"
+    "class Own(Preconditioner):\n    name = 'own'\n    def setup(self, state, tau): pass\n"
+    "    def apply(self, r, out): out.assign(r)\n",
+    "mean.py": "def mean(frame): return float(frame.h.mean())\n",
+    "run.toml": 'stepper = "rk4"\n',
+}
+"""What a run may read."""
+
+
+@pytest.mark.parametrize(
+    ("written", "asked"),
+    [
+        ("flow.py", ["flow.py"]),
+        ("flow.toml", ["flow.toml"]),
+        ("flow.py", ["flow.toml"]),
+        ("heun.py", ["williamson6", "--stepper", "heun.py"]),
+        ("own.py", ["williamson6", "--stepper", "tr-bdf2", "--preconditioner", "own.py"]),
+        ("mean.py", ["williamson6", "--diagnostics", "mean.py"]),
+        ("run.toml", ["williamson6", "--config", "run.toml"]),
+        ("data.nc", ["williamson7", "--set", "scene.file=data.nc"]),
+    ],
+)
+def test_what_a_run_reads_is_not_replaced(tmp_path, monkeypatch, capsys, written, asked):
+    monkeypatch.chdir(tmp_path)
+    for name, text in SOURCES.items():
+        (tmp_path / name).write_text(text)
+    Simulation("williamson2", ne=2, np=4).run(days=0.1, out="run.nc", progress=False)
+    with open_run("run.nc") as run:
+        run.swe.to_latlon(19, 36).isel(time=-1).rename(h="z").to_netcdf("data.nc")
+    before = (tmp_path / written).read_bytes()
+    mesh = ["--ne", "2", "--np", "4", "--days", "0.1"]
+    with pytest.raises(SystemExit, match="2"):
+        main(["run", *asked, *mesh, "--out", written, "--overwrite"])
+    assert f"out: {written} is a file that the run reads" in capsys.readouterr().err
+    assert (tmp_path / written).read_bytes() == before
 
 
 def test_an_unfinished_run_is_to_be_gone_on_with(tmp_path):

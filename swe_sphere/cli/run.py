@@ -69,7 +69,7 @@ def run(
             return start_ranks(ranks, mesh.ne or make_scene(mesh).ne, context.obj)
         if ranks not in (None, comm.size):
             raise ConfigError(f"ranks={ranks}: {comm.size} are running already: leave ranks out")
-        comm.on_root(lambda: check_paths(asked))
+        comm.on_root(lambda: check_paths(asked, [] if config is None else [config]))
         level = logging.ERROR if asked.quiet or comm.rank else logging.INFO
         with print_lines(level), append_lines(None if comm.rank else asked.log):
             summary = _run(asked)

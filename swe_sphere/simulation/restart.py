@@ -3,6 +3,7 @@
 import json
 import math
 import os
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -56,12 +57,14 @@ def _is_same_file(path: Path, other: Path | None) -> bool:
     return other is not None and other.exists() and path.exists() and path.samefile(other)
 
 
-def check_paths(config: RunConfig) -> None:
+def check_paths(config: RunConfig, read: Iterable[Path] = ()) -> None:
     """Check, before anything is computed, that the files of a run can be written.
 
-    Raises ConfigError if a file to read is missing, a path is a folder, has no folder or cannot be
+    read: files that the run reads besides those that `config` names.  Raises ConfigError if a file
+    to read is missing or would be written to, a path is a folder, has no folder or cannot be
     written to, a picture has an unknown ending, or a file would be replaced without `overwrite`.
     """
+    read = config.initial, config.reference, *config.diagnostics, *config.trust, *read
     for path in (config.restart, config.initial, config.reference, *config.trust):
         if path is not None and not path.exists():
             raise ConfigError(f"there is no file {path}")
@@ -77,7 +80,7 @@ def check_paths(config: RunConfig) -> None:
         if path.resolve() in seen:
             raise ConfigError(f"{name}: {path} would be written twice: choose another name")
         seen |= {path.resolve(), checkpoint_path(path.resolve())}
-        if _is_same_file(path, config.initial) or _is_same_file(path, config.reference):
+        if any(_is_same_file(path, each) for each in read):
             raise ConfigError(f"{name}: {path} is a file that the run reads: choose another name")
         if len(path.name.encode()) > LONGEST_NAME:
             raise ConfigError(
@@ -305,20 +308,26 @@ def run_sources(config: RunConfig, scene: Scene) -> dict[str, str]:
     a Python scene reads are not tracked.  A scene of the package without data adds no file.
     Raises ConfigError if a file has disappeared since it was loaded.
     """
-    methods = {"stepper": config.stepper, "preconditioner": config.chosen_preconditioner}
     try:
-        files = scene_files(config.scene)
-        labels = (SCENE_FILE, *(os.path.relpath(path, files[0].parent) for path in files[1:]))
-        found = {label: file_fingerprint(path) for label, path in zip(labels, files, strict=False)}
-        for path in config.diagnostics:
-            found[f"{DIAGNOSTICS_PREFIX}{path}"] = file_fingerprint(path)
-        for what, file in methods.items():
-            if file and is_user_file(file):
-                found[f"the {what}'s file"] = file_fingerprint(Path(file))
+        return {
+            label: file_fingerprint(path) for label, path in source_files(config, scene).items()
+        }
     except OSError as error:
         raise ConfigError(f"cannot read {error.filename}: {error.strerror}") from None
+
+
+def source_files(config: RunConfig, scene: Scene) -> dict[str, Path]:
+    """Return the files of `run_sources` by label."""
+    methods = {"stepper": config.stepper, "preconditioner": config.chosen_preconditioner}
+    files = scene_files(config.scene)
+    labels = (SCENE_FILE, *(os.path.relpath(path, files[0].parent) for path in files[1:]))
+    found = dict(zip(labels, files, strict=False))
+    found |= {f"{DIAGNOSTICS_PREFIX}{path}": path for path in config.diagnostics}
+    for what, file in methods.items():
+        if file and is_user_file(file):
+            found[f"the {what}'s file"] = Path(file)
     for value in scene.parameters.values():
-        if isinstance(value, str):
-            with suppress(OSError, ValueError):  # a word, not the name of a file
-                found[value] = file_fingerprint(Path(value))
+        with suppress(OSError, ValueError):  # too long, or with characters that no name has
+            if isinstance(value, str) and Path(value).is_file():  # not a word
+                found[value] = Path(value)
     return found

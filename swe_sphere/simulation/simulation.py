@@ -506,7 +506,8 @@ class Simulation(errors.NotCopyable):
         if not isinstance(callbacks, Iterable):
             raise ConfigError(f"callbacks: give a list of functions, got {callbacks!r}")
         observers = [each if isinstance(each, Observer) else Callback(each) for each in callbacks]
-        self.comm.on_root(lambda: restart.check_paths(config))
+        sources = restart.source_files(config, self.scene).values()
+        self.comm.on_root(lambda: restart.check_paths(config, sources))
         days = self.scene.days if config.days is None else config.days
         if overwrite and self.steps and days * DAY <= self.time + 1e-6:
             self.reset()

@@ -156,8 +156,9 @@ class BDF2(ImplicitStepper):
             finally:
                 self.solver.prepared_for = None
         w = dt / before
-        now, past = (1.0 + w) ** 2 / (1.0 + 2.0 * w), -(w**2) / (1.0 + 2.0 * w)
-        self.space.axpby(past, self.previous, now, self.state, self._rhs)
+        # from the difference: in float32 the sum of both factors is not exactly one
+        self.space.axpby(1.0, self.state, -1.0, self.previous, self._rhs)
+        self.space.axpby(1.0, self.state, w**2 / (1.0 + 2.0 * w), self._rhs)
         slope, curvature = self.solver.mean_slope, self.solver.curvature
         bend = 0.5 * EXTRAPOLATED_SHARE * dt * (dt + before)
         self.model.launch.combine(self.state, slope, dt, curvature, bend, out=out)
