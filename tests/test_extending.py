@@ -27,7 +27,7 @@ from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.simulation import Simulation, run_scene
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS, make_preconditioner
 from swe_sphere.steppers import STEPPERS, get_stepper
-from swe_sphere.steppers.runge_kutta import RK4
+from swe_sphere.steppers.runge_kutta import RK4, RungeKutta
 from swe_sphere.studies.sweep import sweep
 from swe_sphere.testcases import get_scene
 
@@ -172,6 +172,7 @@ def test_the_same_file_gives_the_same_class_until_it_is_edited(here) -> None:
         (RK + EULER.format("A", "rk4"), "class A: there is a stepper 'rk4' already, in swe_sphere"),
         (BASE, "stepper A does not define advance"),
         (RK + "class A(RungeKutta):\n    name = 'a'\n", "stepper a has no `order`"),
+        (RK + "class A(RungeKutta):\n    name, order = 'a', 0\n", "stepper a has no `order`"),
         (
             RK + EULER.format("A", "one") + "    family = 'mine'\n",
             "stepper one: `family` must be explicit or .*, got 'mine'",
@@ -198,6 +199,14 @@ def test_a_bad_file_is_one_clear_line(here, text: str | None, message: str) -> N
         get_stepper("mine.py")
     assert "\n" not in str(error.value)
     assert dict(STEPPERS) == known
+
+
+def test_a_class_needs_a_name() -> None:
+    class Nameless(RungeKutta):
+        order, a, b = 2, ((0.5,),), (0.0, 1.0)
+
+    with pytest.raises(ConfigError, match=r"stepper .*Nameless has no name: define `name`"):
+        Simulation("williamson2", ne=2, np=4, stepper=Nameless)
 
 
 def test_a_bad_file_of_a_preconditioner_is_one_clear_line(here) -> None:

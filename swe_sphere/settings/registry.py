@@ -73,6 +73,8 @@ class Registry(UserDict[str, type[T]]):
             if (name := self.aliases.get(str(which), str(which))) not in self:
                 raise unknown_name(self.kind, str(which), (*self, *self.aliases))
             found = self[name]
+        if not getattr(found, "name", ""):
+            raise ConfigError(f"{self.kind} {found.__qualname__} has no name: define `name`")
         if isabstract(found):
             lacking = ", ".join(sorted(found.__abstractmethods__))
             raise ConfigError(f"{self.kind} {found.__qualname__} does not define {lacking}")

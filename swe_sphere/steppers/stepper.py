@@ -214,7 +214,7 @@ class Stepper(Trajectory, ABC):
         if "advance" in vars(cls) and "repeats_from" not in vars(cls):
             cls.repeats_from = None
         if "name" in vars(cls):
-            if not hasattr(cls, "order"):
+            if not getattr(cls, "order", 0):
                 raise ConfigError(f"stepper {cls.name} has no `order`: define it beside its name")
             if cls.family not in (known := get_args(Family)):
                 raise ConfigError(
