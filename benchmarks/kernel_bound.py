@@ -120,8 +120,9 @@ def measure(ne: int, np_: int, precision: str, library: ctypes.CDLL | None, roun
 
 
 def _ours(model: Model, stepper: Stepper) -> dict[str, Callable[[], object]]:
-    """Return the calls of this package by part, with recorded launches; "stage": the steps of rk4 that
-    large meshes take at once.
+    """Return the calls of this package by part, with recorded launches.
+
+    "stage" takes as many steps of rk4 as large meshes take at once.
     """
     state, out, replay = model.initial_state(), model.zeros(), Replay(model.launch)
     local, *dss = recorded(model)
