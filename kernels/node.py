@@ -67,8 +67,7 @@ def _line_sums(order: int, rows: Any, name: str, at_node: Any, transposed: bool)
             r1, r2 = at_node(geo, a, x, at, e, n + turn)
             put(room, n + turn, r1, r2)
         meet()
-        s1 = along(room, geo.derivative, i, j)
-        return s1, across(room, geo.derivative, i, j)
+        return along(room, geo.derivative, i, j), across(room, geo.derivative, i, j)
 
     return line_sums
 

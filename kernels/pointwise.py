@@ -11,7 +11,7 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import Placeholder, func, real, rows, struct_of, vector
+from swe_sphere.kernels.define import Placeholder, func, lanes, real, rows, struct_of, vector
 from swe_sphere.kernels.simd.arithmetic import mul
 from swe_sphere.kernels.simd.memory import load
 from swe_sphere.kernels.simd.stages import triple
@@ -144,32 +144,33 @@ def _rates_of(kind: str, unknowns: int, point: Pointwise, structure: Any) -> Any
             s[2] = load(x, 2 * size + node)
         return s
 
+    @func
+    def in_lane(s: three, lane: int):
+        if wp.static(lanes == 1):
+            return triple(s[0], s[1], s[2])
+        else:
+            return triple(s[0, lane], s[1, lane], s[2, lane])
+
     def from_lane(lane: int, of: Any) -> Any:
         """Return the function that adds to r the rates of the terms, in this lane and later ones.
 
         The compiler joins equal statements for all lanes to registers, but not a loop over lanes.
         """
         later = from_lane(lane + 1, of) if lane + 1 < of.lanes else None
-        is_last, is_alone = later is None, of.lanes == 1
 
         @func
         def add(c: structure, node: int, s: three, base: three, r: some):
-            if wp.static(is_alone):
-                at = triple(base[0], base[1], base[2])
-                d = triple(s[0], s[1], s[2])
-            else:
-                at = triple(base[0, lane], base[1, lane], base[2, lane])
-                d = triple(s[0, lane], s[1, lane], s[2, lane])
+            d = in_lane(s, lane)
             if wp.static(point.tangent and unknowns == 1):
                 d = triple(real(0.0), real(0.0), d[2])  # a prescribed wind does not change
-            rate = of_terms(c.terms, node + lane, at, d)
-            if wp.static(is_alone):
+            rate = of_terms(c.terms, node + lane, in_lane(base, lane), d)
+            if wp.static(lanes == 1):
                 r += rate
             else:
                 r[0, lane] = r[0, lane] + rate[0]
-            if wp.static(is_wind and not is_alone):
+            if wp.static(is_wind and lanes > 1):
                 r[1, lane] = r[1, lane] + rate[1]
-            if wp.static(is_last):
+            if wp.static(later is None):
                 return r
             else:
                 return later(c, node, s, base, r)

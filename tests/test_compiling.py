@@ -1,5 +1,6 @@
 """Who is told of compiling, and when."""
 
+import mmap
 import os
 import pty
 import subprocess
@@ -21,7 +22,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.kernels import specialise
 from swe_sphere.kernels.vectors import ADDERS
 from swe_sphere.mesh import Mesh
-from swe_sphere.operators.huge_pages import PAGE, ChunkAllocator
+from swe_sphere.operators.huge_pages import CHUNK, PAGE, ChunkAllocator, new_memory
 from swe_sphere.operators.launch import TEMPLATES, Launcher, keep_headers, warp_internals
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene
@@ -209,6 +210,16 @@ def test_arrays_of_the_cpu_lie_in_huge_pages() -> None:
     chunk = weakref.ref(allocator._chunks[addresses[3]])
     del each, arrays
     assert not allocator._chunks.keys() & set(addresses) and chunk() is None
+
+
+@pytest.mark.skipif(not hasattr(mmap, "MADV_HUGEPAGE"), reason="on Linux alone")
+def test_chunks_are_memory_that_was_not_used_before() -> None:
+    """Used memory may be that of small pages, which stay small."""
+    for _ in range(3):
+        used = np.full(CHUNK + PAGE, 7, np.uint8)
+        del used
+        memory = new_memory(CHUNK + PAGE)
+        assert memory.ctypes.data % mmap.PAGESIZE == 0 and not memory.any()
 
 
 def test_many_threads_get_memory_of_their_own() -> None:

@@ -1,11 +1,12 @@
 """Memory in huge pages for the arrays of a CPU, so that fewer addresses need a translation.
 
-On Linux, numpy asks for huge pages for memory of 4 MB and more; its variable NUMPY_MADVISE_HUGEPAGE
-controls this. Most arrays are smaller, and are therefore cut from larger chunks.
+Most arrays are smaller than a huge page, and are therefore cut from larger chunks.
 """
 
+import mmap
 import sys
 import threading
+from contextlib import suppress
 
 import numpy as np
 import warp as wp
@@ -33,7 +34,7 @@ class ChunkAllocator:
         with self._lock:
             chunk, begin = self._chunk, self._next
             if size > CHUNK or begin + size > chunk.ctypes.data + chunk.size:
-                chunk = np.empty(max(size, CHUNK) + PAGE, np.uint8)
+                chunk = new_memory(max(size, CHUNK) + PAGE)
                 begin = chunk.ctypes.data + -chunk.ctypes.data % PAGE
             if size <= CHUNK:  # a larger array has a chunk of its own
                 self._chunk, self._next = chunk, begin + size + -size % LINE
@@ -43,6 +44,16 @@ class ChunkAllocator:
     def deallocate(self, ptr: int, size_in_bytes: int) -> None:
         """Release the memory of an array."""
         del self._chunks[ptr]
+
+
+def new_memory(size: int) -> np.ndarray:
+    """Return memory from the system, not such as was used before: its pages would stay small."""
+    if not hasattr(mmap, "MADV_HUGEPAGE"):  # on Linux alone
+        return np.empty(size, np.uint8)
+    memory = mmap.mmap(-1, size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    with suppress(OSError):  # the system has no huge pages
+        memory.madvise(mmap.MADV_HUGEPAGE)
+    return np.frombuffer(memory, np.uint8)
 
 
 def use_huge_pages() -> None:

@@ -100,8 +100,7 @@ class Limiter:
         """Prepare for the offsets `depth` and `first` in states, and bounds for each tracer."""
         types, launch, chunks, count = mesh.types(), mesh.launch, mesh.chunks, lower.size
         self._mesh, self._launch, self._count = mesh, launch, count
-        self._offsets = (depth, first)
-        self._bounds = (mesh.upload(lower), mesh.upload(upper))
+        self._offsets, self._bounds = (depth, first), (mesh.upload(lower), mesh.upload(upper))
         self._inside, self._sums, self._parts = launch.compile(
             types, limit_elements, sum_rooms, room_parts
         )

@@ -64,7 +64,7 @@ def check_paths(config: RunConfig, read: Iterable[Path] = ()) -> None:
     to read is missing or would be written to, a path is a folder, has no folder or cannot be
     written to, a picture has an unknown ending, or a file would be replaced without `overwrite`.
     """
-    read = config.initial, config.reference, *config.diagnostics, *config.trust, *read
+    sources = config.initial, config.reference, *config.diagnostics, *config.trust, *read
     for path in (config.restart, config.initial, config.reference, *config.trust):
         if path is not None and not path.exists():
             raise ConfigError(f"there is no file {path}")
@@ -80,7 +80,7 @@ def check_paths(config: RunConfig, read: Iterable[Path] = ()) -> None:
         if path.resolve() in seen:
             raise ConfigError(f"{name}: {path} would be written twice: choose another name")
         seen |= {path.resolve(), checkpoint_path(path.resolve())}
-        if any(_is_same_file(path, each) for each in read):
+        if any(_is_same_file(path, source) for source in sources):
             raise ConfigError(f"{name}: {path} is a file that the run reads: choose another name")
         if len(path.name.encode()) > LONGEST_NAME:
             raise ConfigError(
@@ -309,9 +309,8 @@ def run_sources(config: RunConfig, scene: Scene) -> dict[str, str]:
     Raises ConfigError if a file has disappeared since it was loaded.
     """
     try:
-        return {
-            label: file_fingerprint(path) for label, path in source_files(config, scene).items()
-        }
+        files = source_files(config, scene)
+        return {label: file_fingerprint(path) for label, path in files.items()}
     except OSError as error:
         raise ConfigError(f"cannot read {error.filename}: {error.strerror}") from None
 

@@ -289,8 +289,7 @@ class ForwardBackwardRK3(DepthThenWind):
     """
 
     name, order = "fb-rk3", 2
-    repeats_from = 0
-    fused_steps = 2
+    repeats_from, fused_steps = 0, 2
     reach = 2.4  # at rest the limit is 4, in any wind at most 3, in fast rotation 2.5
     fractions: ClassVar[tuple[float, ...]] = (1 / 3, 1 / 2, 1.0)
     """Length of each stage, which begins with the step, as a fraction of the step."""

@@ -245,10 +245,7 @@ class VariableStepper(Stepper):
         """
 
     def accept(self, dt: float) -> None:
-        """Make `new`, a step of dt [s] on, the present state, and record its rate of change.
-
-        `new` then holds the state before.
-        """
+        """Exchange `state` and `new`, a step of dt [s] on, and record the rate of change."""
         self.solver.accept(self.state, self.new, dt)
         self.state, self.new = self.new, self.state
 

@@ -30,8 +30,7 @@ class Leapfrog(Stepper):
     memory: ClassVar[tuple[str, ...]] = levels
     diffusion_steps = 2
     holds_damping = True
-    repeats_from = 1
-    fused_steps = 8
+    repeats_from, fused_steps = 1, 8
     reach = 2.0
 
     default_strength: ClassVar[float] = 0.1

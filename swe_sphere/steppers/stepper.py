@@ -194,8 +194,7 @@ class Stepper(Trajectory, ABC):
     """Number of the step from which `advance` launches only the same kernels on arrays that `swap`
     exchanges, so that it can be recorded; None: never. Another `advance` does not inherit it."""
     fused_steps: ClassVar[int] = 1
-    """Most steps launched as a whole on large meshes, see `operators/strips.py`: about eight
-    evaluations, while data that one evaluation has read remain in the third-level cache."""
+    """Most steps launched as a whole on large meshes: about eight evaluations (`strips.py`)."""
     safety: ClassVar[float] = 0.85
     """Fraction of the stability limit that an automatic step uses: winds grow during a run."""
     courant: ClassVar[float] = 2.0
@@ -313,10 +312,9 @@ class Stepper(Trajectory, ABC):
         count = min(self.fused_steps if repeats and alone and is_cut else 1, most)
         while any(map(self._is_penalised, range(self.steps, self.steps + count))):
             count //= 2
-        if count <= 1:
+        if self._replay is None or count <= 1:
             self.step()
             return
-        assert self._replay is not None
         swaps = iter(range(count))
         self._replay((self.state.ptr, count), self._advance_all, swaps)
         for _ in swaps:

@@ -102,8 +102,8 @@ SCHEMES = (
         "BDF2: weight of the past 1 % off",
         "swe_sphere/steppers/dirk.py",
         ("stepper-bdf2",),
-        "-(w**2) / (1.0",
-        "-1.01 * (w**2) / (1.0",
+        "self.state, w**2 / (1.0",
+        "self.state, 1.01 * w**2 / (1.0",
     ),
     Edit(
         "Gauss-Legendre: a node 1 % off",

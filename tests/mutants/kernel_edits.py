@@ -93,7 +93,7 @@ NODES = tuple(
             "across(room, geo.derivative, i, j)",
             OTHER_LINE,
         ),
-        ("transport of the wrong sign", TRANSPORT_NODE, "s1 = along", ("=", "= -")),
+        ("transport of the wrong sign", TRANSPORT_NODE, "return along(", ("along", "-along")),
         (
             "transposed along the wrong line",
             DECAY_NODE,
