@@ -172,7 +172,6 @@ def test_the_same_file_gives_the_same_class_until_it_is_edited(here) -> None:
         (RK + EULER.format("A", "rk4"), "class A: there is a stepper 'rk4' already, in swe_sphere"),
         (BASE, "stepper A does not define advance"),
         (RK + "class A(RungeKutta):\n    name = 'a'\n", "stepper a has no `order`"),
-        (RK + "class A(RungeKutta):\n    name, order = 'a', 0\n", "stepper a has no `order`"),
         (
             RK + EULER.format("A", "one") + "    family = 'mine'\n",
             "stepper one: `family` must be explicit or .*, got 'mine'",

@@ -155,6 +155,7 @@ class Simulation(errors.NotCopyable):
         self.mesh = build.make_mesh(config, self.scene, mesh)
         begun = None if self.initial is None else self.initial.identity
         self.identity = {"initial": begun} | restart.identity(config, self.scene, self.mesh)
+        self._read = [*restart.source_files(config, self.scene).values()]
         """Settings that a run must share with this one to resume it."""
         if self._restart is not None:
             self._restart.check(self.identity)
@@ -506,8 +507,7 @@ class Simulation(errors.NotCopyable):
         if not isinstance(callbacks, Iterable):
             raise ConfigError(f"callbacks: give a list of functions, got {callbacks!r}")
         observers = [each if isinstance(each, Observer) else Callback(each) for each in callbacks]
-        sources = restart.source_files(config, self.scene).values()
-        self.comm.on_root(lambda: restart.check_paths(config, sources))
+        self.comm.on_root(lambda: restart.check_paths(config, self._read))
         days = self.scene.days if config.days is None else config.days
         if overwrite and self.steps and days * DAY <= self.time + 1e-6:
             self.reset()

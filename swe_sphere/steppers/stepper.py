@@ -213,7 +213,7 @@ class Stepper(Trajectory, ABC):
         if "advance" in vars(cls) and "repeats_from" not in vars(cls):
             cls.repeats_from = None
         if "name" in vars(cls):
-            if not getattr(cls, "order", 0):
+            if not hasattr(cls, "order"):
                 raise ConfigError(f"stepper {cls.name} has no `order`: define it beside its name")
             if cls.family not in (known := get_args(Family)):
                 raise ConfigError(
