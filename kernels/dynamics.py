@@ -88,10 +88,11 @@ def vector_invariant(terms: Terms) -> Formula:
 
     @func
     def result(geo: geometry, w: winds, d1: kind, d2: kind, e: int, n: int):
-        zeta = value(real(0.0))
         if wp.static(terms.advection):
             zeta = curl(d1[last], d2[last])
-        return rates(geo, d1, d2, e, n, mul(zeta, w[1]), mul(zeta, w[0]))
+            return rates(geo, d1, d2, e, n, mul(zeta, w[1]), mul(zeta, w[0]))
+        else:
+            return rates(geo, d1, d2, e, n, value(real(0.0)), value(real(0.0)))
 
     return Formula(winds, load_winds, kind, operands, result, 3 - terms.momentum, needs_winds=True)
 

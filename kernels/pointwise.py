@@ -152,10 +152,7 @@ def _rates_of(kind: str, unknowns: int, point: Pointwise, structure: Any) -> Any
             return triple(s[0, lane], s[1, lane], s[2, lane])
 
     def from_lane(lane: int, of: Any) -> Any:
-        """Return the function that adds to r the rates of the terms, in this lane and later ones.
-
-        The compiler joins equal statements for all lanes to registers, but not a loop over lanes.
-        """
+        """Return the function for the lanes from this one on; a loop would not be vectorised."""
         later = from_lane(lane + 1, of) if lane + 1 < of.lanes else None
 
         @func

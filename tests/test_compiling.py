@@ -220,6 +220,8 @@ def test_chunks_are_memory_that_was_not_used_before() -> None:
         del used
         memory = new_memory(CHUNK + PAGE)
         assert memory.ctypes.data % mmap.PAGESIZE == 0 and not memory.any()
+    with pytest.raises(MemoryError):
+        new_memory(1 << 60)
 
 
 def test_many_threads_get_memory_of_their_own() -> None:

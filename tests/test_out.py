@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -96,6 +97,19 @@ def test_what_a_run_reads_is_not_replaced(tmp_path, monkeypatch, capsys, written
         main(["run", *asked, *mesh, "--out", written, "--overwrite"])
     assert f"out: {written} is a file that the run reads" in capsys.readouterr().err
     assert (tmp_path / written).read_bytes() == before
+
+
+def test_a_picture_does_not_replace_what_a_run_reads(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("flow.py").write_text(
+        "from dataclasses import replace\nfrom swe_sphere.testcases import get_scene\n"
+        "def scene(file='ground.png'):\n"
+        "    return replace(get_scene('williamson6'), parameters={'file': file})\n"
+    )
+    Path("ground.png").write_bytes(b"ground")
+    with pytest.raises(ConfigError, match=r"plot: ground.png is a file that the run reads"):
+        small(scene="flow.py", plot="ground.png", overwrite=True)
+    assert Path("ground.png").read_bytes() == b"ground"
 
 
 def test_an_unfinished_run_is_to_be_gone_on_with(tmp_path):

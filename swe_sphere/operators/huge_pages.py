@@ -47,13 +47,12 @@ class ChunkAllocator:
 
 
 def new_memory(size: int) -> np.ndarray:
-    """Return memory from the system, not such as was used before: its pages would stay small."""
-    if not hasattr(mmap, "MADV_HUGEPAGE"):  # on Linux alone
-        return np.empty(size, np.uint8)
-    memory = mmap.mmap(-1, size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
-    with suppress(OSError):  # the system has no huge pages
+    """Return memory not used before, whose pages would stay small; MemoryError if there is none."""
+    with suppress(AttributeError, OSError):  # not Linux; no huge pages or no memory
+        memory = mmap.mmap(-1, size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
         memory.madvise(mmap.MADV_HUGEPAGE)
-    return np.frombuffer(memory, np.uint8)
+        return np.frombuffer(memory, np.uint8)
+    return np.empty(size, np.uint8)  # or MemoryError
 
 
 def use_huge_pages() -> None:

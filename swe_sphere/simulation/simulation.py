@@ -155,8 +155,9 @@ class Simulation(errors.NotCopyable):
         self.mesh = build.make_mesh(config, self.scene, mesh)
         begun = None if self.initial is None else self.initial.identity
         self.identity = {"initial": begun} | restart.identity(config, self.scene, self.mesh)
-        self._read = [*restart.source_files(config, self.scene).values()]
         """Settings that a run must share with this one to resume it."""
+        self.sources = [*map(Path.resolve, restart.source_files(config, self.scene).values())]
+        """Files of the scene, its data, diagnostics and custom methods."""
         if self._restart is not None:
             self._restart.check(self.identity)
         self.reference = _read_reference(config.reference)
@@ -507,7 +508,7 @@ class Simulation(errors.NotCopyable):
         if not isinstance(callbacks, Iterable):
             raise ConfigError(f"callbacks: give a list of functions, got {callbacks!r}")
         observers = [each if isinstance(each, Observer) else Callback(each) for each in callbacks]
-        self.comm.on_root(lambda: restart.check_paths(config, self._read))
+        self.comm.on_root(lambda: restart.check_paths(config, self.sources))
         days = self.scene.days if config.days is None else config.days
         if overwrite and self.steps and days * DAY <= self.time + 1e-6:
             self.reset()
@@ -850,6 +851,7 @@ def run_scene(
     if config.fields and config.out is None and config.plot is None:
         raise ConfigError("fields: the run writes no file: give out, the name of one")
     sim = Simulation(config.scene, config=config)
+    world().on_root(lambda: restart.check_paths(config, sim.sources))
     live = [] if config.live is None else [live_view(config.live, sim.comm)]
     with ExitStack() as stack:
         out = config.out
