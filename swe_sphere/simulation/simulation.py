@@ -398,6 +398,7 @@ class Simulation(errors.NotCopyable):
         """Take one step, or the steps of one tracer step; RunFailed if they cannot be taken."""
         self._begin_once()
         self.known_state = None
+        self.release()
         self.fit_step()
         self.take(1)
 
