@@ -137,11 +137,10 @@ def _rates_of(kind: str, unknowns: int, point: Pointwise, structure: Any) -> Any
         if wp.static(unknowns == 1):
             s[0] = load(c.wind, node)
             s[1] = load(c.wind, size + node)
-            s[2] = load(x, node)
         else:
             s[0] = load(w, node)
             s[1] = load(w, size + node)
-            s[2] = load(x, 2 * size + node)
+        s[2] = load(x, (unknowns - 1) * size + node)
         return s
 
     @func
@@ -152,7 +151,7 @@ def _rates_of(kind: str, unknowns: int, point: Pointwise, structure: Any) -> Any
             return triple(s[0, lane], s[1, lane], s[2, lane])
 
     def from_lane(lane: int, of: Any) -> Any:
-        """Return the function for the lanes from this one on; a loop would not be vectorised."""
+        """Return the function that adds the rates from this lane on; loops are not vectorised."""
         later = from_lane(lane + 1, of) if lane + 1 < of.lanes else None
 
         @func

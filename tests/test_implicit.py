@@ -447,7 +447,7 @@ def test_masses_that_an_effect_does_not_declare_conserved_are_left_alone(monkeyp
         before, after = (model.mesh.area @ model.fields(state)["h"] for state in states)
         return abs(after / before - 1.0)
 
-    assert drift() < 1e-14
+    assert drift() < 1e-15
     monkeypatch.setattr(Viscosity, "conserves", frozenset())
     assert drift() > 1e-13
 

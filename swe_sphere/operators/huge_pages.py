@@ -47,7 +47,7 @@ class ChunkAllocator:
 
 
 def new_memory(size: int) -> np.ndarray:
-    """Return memory not used before, whose pages would stay small; MemoryError if there is none."""
+    """Return memory never used before, as pages in use stay small; MemoryError without memory."""
     with suppress(AttributeError, OSError):  # not Linux; no huge pages or no memory
         memory = mmap.mmap(-1, size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
         memory.madvise(mmap.MADV_HUGEPAGE)

@@ -296,8 +296,9 @@ class Evaluator:
 
     def __call__(self, space: Discretisation, history: History) -> list[Errors]:
         """Return the errors of all kinds of the fields at report days."""
-        converged = self.converged(space)
-        return self._total_errors(space, history) + self._apart(space, history, converged)
+        apart = self._apart(space, history, self.converged(space))
+        errors = self._total_errors(space, history)
+        return errors + [each for kind in apart for each in Errors.of(kind, apart[kind])]
 
     def converged(self, space: Discretisation) -> History:
         """Return the fields at report days of a time-converged run on the same mesh in float64.
@@ -342,21 +343,21 @@ class Evaluator:
         made = {spec: self._make(spec) for spec in (coarse, fine)}
         ours, right = (fields for _, fields in made.values())
         setup, space = fine.setup, fine.setup.space
+        apart = self._apart(space, ours, right)
         gain = 2.0 ** setup.stepper_class.order_in(space.sim.model, **setup.options)
         for spec, share in ((coarse, gain / (gain - 1.0)), (fine, 1.0 / (gain - 1.0))):
             record, fields = made[spec]
-            errors = self._total_errors(space, fields) + self._apart(space, ours, right, share)
+            errors = self._total_errors(space, fields)
+            errors += [each for kind in apart for each in Errors.of(kind, apart[kind], share)]
             self._keep(spec, record.model_copy(update={"errors": errors}), fields)
 
-    def _apart(
-        self, space: Discretisation, ours: History, right: History, share: float = 1.0
-    ) -> list[Errors]:
-        """Return time and slow-flow errors at the common days, multiplied by `share`."""
-        days, found = [day for day in ours if day in right], list[Errors]()
-        for kind, errors in self._errors.items():
-            of_days = {day: errors(space.sim.model, ours[day], right[day]) for day in days}
-            found += Errors.of(kind, of_days, share)
-        return found
+    def _apart(self, space: Discretisation, ours: History, right: History) -> dict[str, Any]:
+        """Return the norms of time and slow-flow errors by kind and by common day."""
+        days, model = [day for day in ours if day in right], space.sim.model
+        return {
+            kind: {day: errors(model, ours[day], right[day]) for day in days}
+            for kind, errors in self._errors.items()
+        }
 
     def _kept(self, spec: RunSpec) -> History | None:
         """Return the stored fields of a run at report days: {} if it failed, None if none are."""
