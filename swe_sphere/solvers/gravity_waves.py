@@ -175,8 +175,8 @@ class GravityWaves:
     """L on the device, and (I - tau L)^-1 by block elimination and conjugate gradients on S.
 
     For any number type of the run, vectors are float64 and the preconditioner is float32, and so
-    are products with S where the tolerance permits (`ROUGH`).  Raises ConfigError for a scene
-    without gravity waves.
+    are elimination, products with S and substitution where the tolerance permits (`ROUGH`).  Raises
+    ConfigError for a scene without gravity waves.
     """
 
     def __init__(self, model: Model) -> None:
@@ -198,6 +198,7 @@ class GravityWaves:
         self._krylov = ConjugateGradients(self.space)
         self._b, self._h = self.space.zeros(), self.space.zeros()
         self._ones = wp.full_like(self._b, 1.0)
+        self._depth_rows = slice(2 * mesh.size, 3 * mesh.size)
         self.tau, self._counters = 0.0, model.counters
         self._counters |= {"setups": 0, "setup_seconds": 0.0}
 
@@ -221,14 +222,10 @@ class GravityWaves:
         for operator in (self.operator, self._rough):
             operator.configure(tau, self.depth)
         self._inner.setup(tau, self.depth)
-        launch = self.operator.mesh.launch
-        exact = partial(_on_fields, self.operator, *self._fields)
-        rough = partial(_on_fields, self._rough, *self._rough_fields)
-        self._product = recorded(launch, partial(exact, self.operator.apply))
-        self._rough_product = recorded(launch, partial(rough, self._rough.apply))
-        self._precondition = recorded(launch, partial(rough, self._inner.solve))
-        self._eliminated = recorded(launch, self._eliminate)
-        self._substituted = recorded(launch, self._substitute)
+        self._exact = self._parts(self.operator, *self._fields)
+        self._in_float32 = self._parts(self._rough, *self._rough_fields)
+        inner = partial(_on_fields, self._rough, *self._rough_fields, self._inner.solve)
+        self._precondition = recorded(self._rough.mesh.launch, inner)
         self._least_rough = ROUGH * float(self.operator.diagonal.max())
         self._counters["setups"] += 1
         self._counters["setup_seconds"] += time.perf_counter() - start
@@ -242,27 +239,40 @@ class GravityWaves:
         The residual of the eliminated system is at most `target` [m] or `tolerance` times its
         right-hand side; `out` has exactly the masses of r. Arrays have the run's number type.
         """
-        self._eliminated(r, self._b)
+        for parts in (self._in_float32, self._exact):
+            eliminate, product, substitute = parts
+            eliminate(r, self._b)
+            size = self.space.norm(self._b)
+            rtol = max(tolerance, target / (size or 1.0))
+            if rtol > self._least_rough:
+                break
         if guess is not None:
             self.space.copy(guess, self._h)
-        size = self.space.norm(self._b)
-        rtol, has_guess = max(tolerance, target / (size or 1.0)), guess is not None
-        product = self._rough_product if rtol > self._least_rough else self._product
         system = product, self._b, self._h, self._precondition
-        result = self._krylov.solve(*system, rtol, scale=size, guess=has_guess)
-        self.space.match_mean(self._b, self._h, self._ones)
-        self._substituted(r, out)
+        result = self._krylov.solve(*system, rtol, scale=size, guess=guess is not None)
+        self.space.match_mean(self.space.converted(r[self._depth_rows]), self._h, self._ones)
+        substitute(r, out)
+        if out.dtype is self._h.dtype:
+            wp.copy(out, self._h, dest_offset=self._depth_rows.start)  # not rounded to float32
         if self._carried is not None:
             self._carried.solve(self.tau, r, out)
         return result
 
-    def _eliminate(self, r: wp.array, b: wp.array) -> None:
-        self.operator.eliminate(r, self._fields[0])
-        self.operator.to_nodes(self._fields[0], b)
+    def _parts(
+        self, of: SchurOperator, field: Field, image: Field
+    ) -> list[Callable[[wp.array, wp.array], None]]:
+        """Return elimination (r, b), the product with S and substitution (r, out), recorded."""
 
-    def _substitute(self, r: wp.array, out: wp.array) -> None:
-        self.operator.to_field(self._h, self._fields[0])
-        self.operator.substitute(r, self._fields[0], out)
+        def eliminate(r: wp.array, b: wp.array) -> None:
+            of.eliminate(r, field)
+            of.to_nodes(field, b)
+
+        def substitute(r: wp.array, out: wp.array) -> None:
+            of.to_field(self._h, field)
+            of.substitute(r, field, out)
+
+        product = partial(_on_fields, of, field, image, of.apply)
+        return [recorded(of.mesh.launch, part) for part in (eliminate, product, substitute)]
 
 
 def _on_fields(

@@ -12,7 +12,6 @@ from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import SpectralRadii
 from swe_sphere.errors import ConfigError
 from swe_sphere.solvers.gravity_waves import explicit_radii, reference_depth
-from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import stability
 from swe_sphere.steppers.flow_limit import strongest_advection
 from swe_sphere.steppers.stability import Complex, Rows, tableau
@@ -118,7 +117,6 @@ class ImexRungeKutta(ImexStepper):
         states = (model.zeros() for _ in range(5))
         self._rhs, self._change, self._stage, self._known, self._nothing = states
         self._guess = wp.zeros_like(self.slopes[0])
-        self._depths = VectorSpace(model.mesh.area, mesh=mesh)
         a_e, a_i = tableau(self.explicit, stages), tableau(self.implicit, stages)
         self._tau, self._offsets = dt * self.implicit[0][-1], dt * a_e.sum(axis=1)
         rows = (np.concatenate([e, np.tril(a_i, -1)[i] - e]) for i, e in enumerate(a_e))
@@ -142,7 +140,7 @@ class ImexRungeKutta(ImexStepper):
             # the change Y_i - x, and L Y_i
             combine(self._nothing, *self._sums[i], out=self._known)
             self.space.axpby(tau, self._linear[0], 1.0, self._known, self._rhs)
-            self._depths.axpby(tau, self.slopes[i], 1.0, self._known[self._depth], self._guess)
+            combine(self._known[self._depth], self.slopes[i], tau, out=self._guess)
             self.solver.solve(tau, self.time, self._rhs, self._guess, self._change)
             slope = self._linear[i]
             self.space.axpby(-1.0 / tau, self._known, 1.0 / tau, self._change, slope)

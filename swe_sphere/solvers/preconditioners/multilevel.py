@@ -61,9 +61,8 @@ class Multilevel:
             between, self._cycles = last // 2, 1 + (courant > VERY_LONG)
         else:
             steps = DEGREES.get(np_, 4)
-            cycles = min(1 + int(courant / COURANT_A_CYCLE), MOST_CYCLES)
-            last, between = steps + is_long, steps - (cycles == 1)
-            self._cycles = max(cycles, 1 + is_long)
+            last, between = steps + is_long, steps - 1
+            self._cycles = max(min(1 + int(courant / COURANT_A_CYCLE), MOST_CYCLES), 1 + is_long)
         self._first, self._between, self._last = (
             chebyshev_steps(n, largest) for n in (FIRST_STEPS, between, last)
         )
