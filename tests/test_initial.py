@@ -238,6 +238,15 @@ def test_frames_without_the_fields_or_with_nan_are_refused(made):
     assert np.isfinite(at.initial_fields["h"]).all()
 
 
+def test_a_damaged_time_offset_is_refused(made, tmp_path):
+    with open_run(made[0]) as data:
+        spoilt = data.load().assign_attrs(time_offset="noon")
+    spoilt.to_netcdf(tmp_path / "spoilt.nc")
+    for given in (tmp_path / "spoilt.nc", spoilt):
+        with pytest.raises(ConfigError, match=r"time.offset"):
+            Simulation("williamson6", ne=2, initial=given)
+
+
 def test_the_file_that_a_run_begins_from_is_not_its_output(made):
     path, _ = made
     before = path.read_bytes()

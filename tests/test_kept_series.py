@@ -1,6 +1,8 @@
 """Series of diagnostics in the file of a run are never dropped by a run that resumes in it."""
 
+import json
 import shlex
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -60,6 +62,30 @@ def test_the_printed_command_keeps_recorded_diagnostics(tmp_path, monkeypatch, c
     for name in ("time", "h", "deepest", *(["twice"] if source == FIELD else [])):
         assert name in ours and np.array_equal(ours[name][-1], right[name][-1])
     assert np.isfinite(ours.deepest).all()
+
+
+OWN = """
+from swe_sphere.solvers.preconditioners.block_elimination import Helmholtz
+
+class Mine(Helmholtz):
+    name = "mine"
+"""
+
+
+def test_the_printed_command_repeats_the_reference_and_trusts_the_run_s_files(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    Simulation("williamson2", ne=2, np=4, days=0.5).run(out="first.nc")
+    with open_run("first.nc") as data:
+        data.swe.to_latlon(19, 36).isel(time=-1).to_netcdf("reference.nc")
+    Path("own.py").write_text(OWN)
+    words = ["run", "williamson2", "--ne=2", "--np=4", "--dt=1800", "--days=0.5", "--out=run.nc"]
+    words += ["--stepper=tr-bdf2", "--reference=reference.nc"]
+    assert command(*words, "--set", "stepper.preconditioner=own.py", "--time-limit=1e-9") == 1
+    printed = capsys.readouterr().err.partition("resume with: swe-sphere ")[2].splitlines()[0]
+    assert command(*shlex.split(printed), "--json") == 0
+    assert "l2_h" in json.loads(capsys.readouterr().out)
 
 
 def test_a_resume_without_the_file_of_a_diagnostic_is_refused(tmp_path, monkeypatch, capsys):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray
 
-from swe_sphere import Simulation, open_run
+from swe_sphere import Output, Simulation, open_run
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.checkpoint import checkpoint_path, read_checkpoint
@@ -110,6 +110,18 @@ def test_a_picture_does_not_replace_what_a_run_reads(tmp_path, monkeypatch):
     with pytest.raises(ConfigError, match=r"plot: ground.png is a file that the run reads"):
         small(scene="flow.py", plot="ground.png", overwrite=True)
     assert Path("ground.png").read_bytes() == b"ground"
+
+
+def test_a_further_file_does_not_replace_the_run_that_is_resumed(tmp_path):
+    """Even if the resumed run has no file of its own."""
+    file = tmp_path / "a.nc"
+    Simulation("williamson2", ne=2, np=4, dt=1800.0).run(days=0.125, out=file, progress=False)
+    before = file.read_bytes()
+    for fields in ({"outputs": [Output(file)]}, {"plot": file}):
+        with pytest.raises(ConfigError, match="is a file that the run reads"):
+            run_scene(make_config({"scene": "williamson2", "restart": file, "days": 0.25,
+                                   "overwrite": True} | fields))  # fmt: skip
+    assert file.read_bytes() == before
 
 
 def test_an_unfinished_run_is_to_be_gone_on_with(tmp_path):

@@ -756,3 +756,16 @@ def test_dissipation_sees_the_prescribed_wind_of_the_time(name: str) -> None:
     exact = after("rk4", 64, 56.25).state.numpy()
     errors = [np.abs(after(name, n, 3600.0 / n).state.numpy() - exact).max() for n in (6, 12)]
     assert errors[1] < 0.7 * errors[0] < 3.0  # of a change by 60 m
+
+
+def test_a_class_derived_from_an_effect_of_the_package_runs():
+    """It declares what it conserves, but has no formulas."""
+
+    class Mine(Viscosity):
+        pass
+
+    for kind in (Viscosity, Mine):
+        scene = replace(get_scene("williamson2"), effects=(*DYNAMICS, Rotation(), kind(nu=1e5)))
+        sim = Simulation(scene, ne=2, np=4, dt=1800.0, days=0.5)
+        assert sim.run(progress=False).completed
+    assert [effect.name for effect in sim.scene.effects][-1] == "viscosity"

@@ -297,6 +297,22 @@ def test_a_grid_of_a_hemisphere(tmp_path):
     assert Reference(path).area.sum() == pytest.approx(1.0)
 
 
+def test_coordinates_of_no_grid_are_refused_in_one_line(tmp_path):
+    lat, lon = np.arange(-85.0, 90.0, 10.0), np.arange(0.0, 360.0, 10.0)
+    whole = xr.Dataset({"h": (("lat", "lon"), np.ones((18, 36)))}, {"lat": lat, "lon": lon})
+    bounds = np.stack([lat - 5.0, lat + 5.0], axis=1)
+    faults = {
+        "is damaged": whole.assign(lat_bnds=("lat", np.linspace(-90.0, 90.0, 18))),
+        "pole to pole": whole.assign_coords(lat=np.where(lat == 5.0, np.nan, lat)),
+        "pole to": whole.assign(lat_bnds=(("lat", "two"), np.full_like(bounds, np.nan))),
+        "damaged": whole.isel(lon=slice(0)),
+    }
+    for number, (message, data) in enumerate(faults.items()):
+        data.to_netcdf(path := tmp_path / f"{number}.nc")
+        with pytest.raises(ConfigError, match=message):
+            Reference(path)
+
+
 def test_fields_that_are_not_there(runs):
     with pytest.raises(ConfigError, match="did you mean 'vorticity'"):
         compare(runs["first"], runs["second"], "vortisity")

@@ -229,3 +229,14 @@ def test_a_block_leaves_the_handlers_as_they_were():
     with Interruption():
         assert all(signal.getsignal(n) is not b for n, b in zip(numbers, before, strict=True))
     assert [signal.getsignal(number) for number in numbers] == before
+
+
+def test_handlers_from_outside_of_python_are_left_alone(monkeypatch):
+    """Python cannot restore them: it knows them as None."""
+    before = signal.getsignal(signal.SIGUSR1)
+    known = signal.getsignal
+    foreign = signal.SIGUSR1
+    monkeypatch.setattr(signal, "getsignal", lambda n: None if n == foreign else known(n))
+    with Interruption():
+        assert known(foreign) is before
+    assert known(foreign) is before

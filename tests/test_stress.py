@@ -354,6 +354,10 @@ def test_a_page_of_chosen_cases_replaces_only_a_page_of_the_same(tmp_path, capsy
         main(line)
     assert end.value.code == 2 and "is a page of other cases" in capsys.readouterr().err
     assert page.read_text() == "# Stability\n\nAll cases.\n"
+    page.write_bytes(b"# Stability\n\xff\xfe\n")
+    with pytest.raises(SystemExit) as end:
+        main(line)
+    assert end.value.code == 2 and "is a page of other cases" in capsys.readouterr().err
     page.unlink()
     same = [
         "stress",

@@ -81,6 +81,7 @@ def test_a_changed_function_of_a_scene_makes_other_runs(tmp_path, scene):
         found = sweep(scene(rate), "rk4", out=tmp_path, **TINY)
         fresh = sweep(scene(rate), "rk4", **TINY)
         grid, alone = (of.isel(run=of.role.values == "grid").isel(run=-1) for of in (found, fresh))
+        assert found.run.size == fresh.run.size  # no row of the other function
         assert grid.mass_drift == alone.mass_drift
         np.testing.assert_array_equal(grid.error, alone.error)
     before = count(tmp_path)

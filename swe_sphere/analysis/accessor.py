@@ -199,8 +199,8 @@ class Analysis:
 
         Names and units are those of the series in the file of a run; see `swe_sphere.io.integrals`.
         """
-        told = self._data.attrs.get("planet", {})
-        planet = Planet(**(json.loads(told) if isinstance(told, str) else told))
+        given = self._data.attrs.get("planet", {})
+        planet = Planet(**(json.loads(given) if isinstance(given, str) else given))
         names = ("u", "v", "h", "b", "f", "vorticity", "divergence")
         holding(self._data, *names)
         frames, about = self.frames, VARIABLES["series"]

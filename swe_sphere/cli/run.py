@@ -106,10 +106,11 @@ def _report_end(summary: Summary, config: RunConfig) -> None:
     if config.out and summary.status in ("interrupted", "timed-out"):
         words = ["swe-sphere", "run", config.scene, "--restart", str(config.out)]
         words += ["--out", str(config.out), "--days", f"{summary['days_planned']:.12g}"]
-        methods = (config.stepper, config.preconditioner or "")
+        methods = (config.stepper, config.chosen_preconditioner or "")
         code = {*map(str, config.trust), *filter(is_user_file, methods)}
         words += [word for file in sorted(code) for word in ("--trust", file)]
         words += ["--log", str(config.log)] if config.log else []
+        words += ["--reference", str(config.reference)] if config.reference else []
         words += [word for file in config.diagnostics for word in ("--diagnostics", str(file))]
         level = logging.DEBUG if config.as_json else logging.INFO
         LOGGER.log(level, "resume with: %s", shlex.join(words))
@@ -155,7 +156,7 @@ def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
     ) as job:  # fmt: skip
         # in a separate group, mpiexec receives Ctrl-C once, from here, like other signals
         for number in ENDING:
-            if signal.getsignal(number) != signal.SIG_IGN:
+            if signal.getsignal(number) not in (signal.SIG_IGN, None):
                 signal.signal(number, lambda sent, _: job.send_signal(ENDING[signal.Signals(sent)]))
         assert job.stdout is not None and job.stderr is not None
         printed: list[str] = []

@@ -129,11 +129,12 @@ def _page_file(out: Path, folder: str, quick: bool, words: Sequence[str]) -> Pat
     check_ours(file, f"# {folder.capitalize()}\n", what=f"is no {folder} page")
     if numbers.exists() and not file.exists():
         raise ConfigError(f"out: {numbers} belongs to another page and would be replaced: move it")
-    with translate_errors(f"cannot read {numbers}"):
+    with translate_errors(f"cannot read {numbers} or {file}"):
         if quick and numbers.exists() and b'"quick": true' not in contents_of(numbers):
             raise ConfigError(f"out: {numbers} is of the full form: choose another name")
-    if words and file.exists() and f"{shlex.join(words)} --out " not in file.read_text("utf-8"):
-        raise ConfigError(f"out: {file} is a page of other cases: choose another name")
+        command = f"{shlex.join(words)} --out ".encode()
+        if words and file.exists() and command not in contents_of(file):
+            raise ConfigError(f"out: {file} is a page of other cases: choose another name")
     return file
 
 

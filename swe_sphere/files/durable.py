@@ -149,8 +149,10 @@ def _remove_unfinished(path: Path, own: Path | None = None) -> None:
         for left in [each for each in _marked(path) if each != own]:
             with suppress(FileNotFoundError, passed_over):
                 file = _locked(left, os.O_RDONLY | os.O_NOFOLLOW, path)
-                remove(left)  # before its creator, who has not locked it yet, can do so
-                release(file)
+                try:
+                    remove(left)  # before its creator, who has not locked it yet, can do so
+                finally:
+                    release(file)
 
 
 def _create(path: Path, folder: bool = False, tries: int = 5) -> tuple[int, Path]:

@@ -111,11 +111,11 @@ class GrowingOutput:
 
     def close(self) -> None:
         """Close the file, possibly again; a file that is not in place is removed."""
-        if self._open:
+        was_open, self._open = self._open, False
+        if was_open:
+            release(self._descriptor)
             if not self._in_place:
                 remove(self._part)
-            release(self._descriptor)
-        self._open = False
 
 
 class GrowingFile(GrowingOutput):

@@ -73,23 +73,24 @@ class Reference(Source):
             """Fields of the reference, or of the last time."""
             self.about = {x: in_python(data[x].attrs) for x in self.fields if x in data.variables}
             bounds = np.radians(data["lat_bnds"].values) if "lat_bnds" in data else None
-        if not self.fields:
-            raise ConfigError(
-                f"cannot read {path}: a reference needs fields on (lat, lon): regrid the file of a"
-                " run (swe-sphere regrid), or take another file"
-            )
-        count = self.lon.size
-        around = np.diff(np.unwrap(np.append(self.lon, self.lon[0])))
-        if count % 2 or not np.allclose(around, 2.0 * np.pi / count, atol=1e-6):
-            raise ConfigError(
-                f"{self.path}: an even number of longitudes is needed, evenly spaced eastward"
-            )
-        ends, beyond = self.lat if bounds is None else bounds, 1e-3
-        if bounds is None:
-            beyond = 1.5 * np.abs(np.diff(self.lat)).max(initial=0.0)
-        if min(-ends.min(), ends.max()) + beyond < np.pi / 2.0:
-            raise ConfigError(f"{self.path}: latitudes must reach from pole to pole")
-        self.area = np.repeat(latitude_weights(self.lat, bounds) / count, count)
+            if not self.fields:
+                raise ConfigError(
+                    f"cannot read {path}: a reference needs fields on (lat, lon): regrid the file"
+                    " of a run (swe-sphere regrid), or take another file"
+                )
+            count = self.lon.size
+            around = np.diff(np.unwrap(np.append(self.lon, self.lon[0])))
+            if count % 2 or not np.allclose(around, 2.0 * np.pi / count, atol=1e-6):
+                raise ConfigError(
+                    f"{self.path}: an even number of longitudes is needed, evenly spaced eastward"
+                )
+            ends, beyond = self.lat if bounds is None else bounds, 1e-3
+            if bounds is None:
+                beyond = 1.5 * np.abs(np.diff(self.lat)).max(initial=0.0)
+            if not min(-ends.min(), ends.max()) + beyond >= np.pi / 2.0:  # also for NaN
+                raise ConfigError(f"{self.path}: latitudes must reach from pole to pole")
+            weights = latitude_weights(self.lat, bounds)
+        self.area = np.repeat(weights / count, count)
         self.points = np.tile(self.lon, self.lat.size), np.repeat(self.lat, count)
 
     def frame_time(self, time: float | None) -> float | None:  # type: ignore[override]

@@ -44,6 +44,7 @@ class RunAttributes(BaseModel, strict=True, allow_inf_nan=False):
     dt: PositiveFloat = 1.0
     steps_at_once: Annotated[Count, Field(ge=1)] = 1
     start_step: Count = 0
+    time_offset: float = 0.0
     scene: str = ""
     title: str = ""
     run_id: str = ""
@@ -72,7 +73,7 @@ def mesh_of(attributes: Mapping[str, Any], data: "xr.Dataset", failure: str) -> 
     values = {name: attributes[name] for name in MESH_ATTRIBUTES}
     ne, order = values["ne"], values["np"]
     try:
-        validate(RunAttributes, values)
+        validate(RunAttributes, attributes)
         if (expected := 6 * (ne * (order - 1)) ** 2 + 2) != (nodes := data.sizes["node"]):
             raise ConfigError(
                 f"ne={ne} and np={order} make {expected} nodes, but the file has {nodes}: it holds"
@@ -259,8 +260,8 @@ class RunFile(Nodal):
                 raise ConfigError(
                     f"cannot read {self.path}: it is not a file of a run, or it is damaged"
                 )
-            told = table_in(found[SUMMARY])
-            new = {k: value for k, value in told.items() if k == "days" or k not in found}
+            stated = table_in(found[SUMMARY])
+            new = {k: value for k, value in stated.items() if k == "days" or k not in found}
             self.attributes = found | new
             """The global attributes, with `days` and further entries of the summary."""
             if lacking := {*MESH_ATTRIBUTES} - found.keys():

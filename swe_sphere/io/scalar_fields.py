@@ -47,9 +47,9 @@ def describe(name: str, about: Mapping[str, Any] | None = None) -> FieldStyle:
         return FieldStyle(title, "1", "lajolla_r", contours=False)
     if name in FIELDS:
         return FIELDS[name]
-    told = {"long_name": name.replace("_", " "), "units": "", **(about or {})}
-    units = re.sub(r"(?<=[A-Za-z])(-?\d+)", r"$^{\1}$", str(told["units"]))
-    return FieldStyle(str(told["long_name"]), units, "lapaz_r", contours=False)
+    given = {"long_name": name.replace("_", " "), "units": "", **(about or {})}
+    units = re.sub(r"(?<=[A-Za-z])(-?\d+)", r"$^{\1}$", str(given["units"]))
+    return FieldStyle(str(given["long_name"]), units, "lapaz_r", contours=False)
 
 
 def check_field(name: str, own: Iterable[str] = (), *, vector: bool = False) -> str:

@@ -34,7 +34,7 @@ class Interruption:
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
             known = signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP
-            for number in (n for n in known if signal.getsignal(n) != signal.SIG_IGN):
+            for number in (n for n in known if signal.getsignal(n) not in (signal.SIG_IGN, None)):
                 self._handlers.callback(signal.signal, number, signal.signal(number, self._note))
         return self
 

@@ -24,10 +24,9 @@ from swe_sphere.files.user_file import is_custom
 from swe_sphere.logs import LOGGER
 from swe_sphere.mesh import Interpolator
 from swe_sphere.planet import DAY, HOUR
-from swe_sphere.simulation import planning
 from swe_sphere.simulation.config import Output
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Snapshot, call_in_run
-from swe_sphere.simulation.planning import RunPlan
+from swe_sphere.simulation.planning import RunPlan, meant_hours
 from swe_sphere.simulation.restart import appends
 
 Function = Callable[..., Any]
@@ -72,7 +71,7 @@ def label(observer: Observer) -> str:
     return f"the observer {type(observer).__name__}"
 
 
-CHECK_STEPS, MOST_PARTS = 16, 1000
+CHECK_STEPS, MOST_FORCING_TIMES = 16, 1000
 """Steps between health checks, and largest number of times at which a check sees a forcing."""
 RUNAWAY = 10.0
 """Growth of the energy that effects do not explain, and that every unstable run exceeds."""
@@ -91,12 +90,10 @@ class HealthCheck(Observer):
     """
 
     def __init__(self, sim: Any) -> None:
-        from swe_sphere.solvers.vector_space import VectorSpace  # imports Warp
-        from swe_sphere.steppers.stage_solver import energy_weights
+        from swe_sphere.steppers.stage_solver import energy_space  # imports Warp
 
         self._sim, model, scene = sim, sim.model, sim.scene
-        mesh, weights = model.device_mesh, energy_weights(model)
-        self._space = VectorSpace(weights, model.device, mesh.real, mesh=mesh)
+        mesh, self._space = model.device_mesh, energy_space(model)
         first = model.names.index("h") * mesh.size
         self._depth = first, first + mesh.size
         start, self._unit_depth = model.initial_state(), model.zeros()
@@ -105,7 +102,10 @@ class HealthCheck(Observer):
         conserving = [e for e in scene.effects if "mass" in e.conserves]
         self._conserves = len(conserving) == len(scene.effects) and scene.forcing is None
         custom = [effect for effect in scene.effects if is_custom(type(effect))]
-        self._claims = [e.name for e in conserving if e in custom and e.tendencies[1] is not None]
+        claims = {
+            e.name: getattr(e, "tendencies", (None, None))[1] for e in conserving if e in custom
+        }
+        self._claims = [name for name, of_depth in claims.items() if of_depth is not None]
         self._tendency = model.right_hand_side(counted=False) if self._claims else None
         self._rate, self._force = model.zeros(), model.zeros()
         self._expected_norm = self._space.norm(start)
@@ -137,7 +137,9 @@ class HealthCheck(Observer):
         if not harmless and (depth := self._space.lowest(state, *self._depth)) <= 0.0:
             raise self._unstable(f"the depth is not positive ({depth:.3g} m)", snapshot)
         if model.scene.forcing is not None:
-            whole = min(MOST_PARTS, 1 + snapshot.steps // 4)  # of the run so far, maybe resumed
+            whole = min(
+                MOST_FORCING_TIMES, 1 + snapshot.steps // 4
+            )  # of the run so far, maybe resumed
             parts = 1 if model.forcing.steady else 4 if self._time else whole
             span = (time - self._time) / parts
             for t in self._time + span * (0.5 + np.arange(parts)):
@@ -303,8 +305,8 @@ class Recorder(Observer):
                 return
             if self.sees_end and ended.is_sound and not ended.completed:
                 self._frame(sim.snapshot)
-            told = {name: x for name, x in sim.summary.as_dict().items() if x is not None}
-            sim.comm.on_root(lambda: self._writer.finish(told))
+            known = {name: x for name, x in sim.summary.as_dict().items() if x is not None}
+            sim.comm.on_root(lambda: self._writer.finish(known))
         finally:
             self.close()
 
@@ -479,7 +481,7 @@ def every(
     if len(given) == 1 and isinstance(given[0][0], Real):
         seconds = float(given[0][0]) * given[0][1]
         if steps is None and 1e-3 <= seconds < math.inf:
-            return partial(Callback, seconds=HOUR * float(planning.meant_hours(seconds / HOUR)))
+            return partial(Callback, seconds=HOUR * float(meant_hours(seconds / HOUR)))
         if steps is not None and 1 <= steps < math.inf and steps == int(steps):
             return partial(Callback, steps=int(steps))
     raise ConfigError(

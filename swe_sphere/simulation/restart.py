@@ -80,7 +80,8 @@ def check_paths(config: RunConfig, read: Iterable[Path] = ()) -> None:
         if path.resolve() in seen:
             raise ConfigError(f"{name}: {path} would be written twice: choose another name")
         seen |= {path.resolve(), checkpoint_path(path.resolve())}
-        if any(_is_same_file(path, source) for source in sources):
+        known = sources if name == "out" else (*sources, config.restart)
+        if any(_is_same_file(path, source) for source in known):
             raise ConfigError(f"{name}: {path} is a file that the run reads: choose another name")
         if len(path.name.encode()) > LONGEST_NAME:
             raise ConfigError(

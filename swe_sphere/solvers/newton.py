@@ -42,8 +42,8 @@ the customary 0.9 saves Newton iterations, whose residuals are expensive."""
 def forcing_term(norm: float, target: float, nonlinearity: float | None) -> float:
     """Return the forcing term eta, from the error of the linear model in an earlier step.
 
-    The solve ends at |F + J d| <= eta |F|. norm: |F|; target: largest |F| at the end; nonlinearity:
-    |F(x + d) - F - J d| / |F|^2 of an earlier step, None before the first.
+    The solve ends at |F - J d| <= eta |F|. norm: |F|; target: largest |F| at the end; nonlinearity:
+    |F(x - d) - F + J d| / |F|^2 of an earlier step, None before the first.
 
     Choice 1 of Eisenstat & Walker (doi:10.1137/0917003, 1996, eq. 2.2) derives eta from the error
     of the last linear model. Here this error, which is quadratic, is extrapolated to the present
@@ -216,9 +216,9 @@ class Search(NamedTuple):
 
 
 def backtrack(trial: Callable[[float], float], norm: float, eta: float) -> Search:
-    """Shorten until |F(x + s d)| <= (1 - DECREASE s (1 - eta)) |F(x)| (Eisenstat & Walker 1994).
+    """Shorten until |F(x - s d)| <= (1 - DECREASE s (1 - eta)) |F(x)| (Eisenstat & Walker 1994).
 
-    trial(s) is |F(x + s d)|, norm |F(x)|, eta the relative residual of d in the linear system. The
+    trial(s) is |F(x - s d)|, norm |F(x)|, eta the relative residual of d in the linear system. The
     next length minimises a parabola through |F|^2: at first that of the gentlest slope of d, then
     the one through the last two trials and the origin (Kelley, Iterative Methods for
     Linear and Nonlinear Equations, 1995, 8.3.1), limited to between `LEAST_SHORTENING` and a half

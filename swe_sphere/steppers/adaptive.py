@@ -79,7 +79,7 @@ class AdaptiveSteps(Trajectory):
         self.next_dt = 0.0
         """Length of the next step [s], if the outer step leaves room for it."""
         self.cuts: deque[str] = deque(maxlen=CUTS_KEPT)
-        """The last steps that were taken back, since the run began or resumed, in words."""
+        """The last steps that were rejected, since the run began or resumed, in words."""
         self._start = self.model.zeros()
 
     def start(self, state: wp.array, t: float = 0.0) -> None:

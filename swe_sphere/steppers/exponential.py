@@ -62,7 +62,7 @@ class SmallMatrix:
 
 SIZE = 100
 """Largest number of vectors of a basis: functions of a larger matrix cost more than they save."""
-FIRST_LOOK = 5
+FIRST_CHECK = 5
 GROWTH_PARTS = 16
 """The error is estimated again when the basis has grown by 2 and its size over this number."""
 SHORTER = 0.85
@@ -151,7 +151,7 @@ class KrylovExponential:
         if size == 0.0:
             return rest, nothing
         self._basis.start(size)
-        small, look, rows = SmallMatrix(self.size), FIRST_LOOK, self._basis.rows
+        small, check, rows = SmallMatrix(self.size), FIRST_CHECK, self._basis.rows
         for k in range(self.size):
             check_stop()
             p.operator(rows[k], rows[k + 1])
@@ -160,13 +160,13 @@ class KrylovExponential:
             if not math.isfinite(below):
                 return 0.0, nothing
             small.append(above, below)
-            if k + 1 >= min(look, self.size) or below == 0.0:
+            if k + 1 >= min(check, self.size) or below == 0.0:
                 coefficients, error = small.phi(p.terms, rest)
                 if self._is_small(p, error, rest, size):
                     return rest, size * coefficients
                 # waves need at least as many vectors as the phase [rad] of the fastest
                 least = small.columns + 2 + small.columns // GROWTH_PARTS
-                look = max(least, math.ceil(rest * small.radius()))
+                check = max(least, math.ceil(rest * small.radius()))
         t = SHORTER * min(rest, self.size / max(small.radius(), self.size / rest))
         while t > SHORTEST_SUBSTEP * p.length:
             coefficients, error = small.phi(p.terms, t)

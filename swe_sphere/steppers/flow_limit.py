@@ -21,7 +21,7 @@ INTERVALS = 18
 """Approximate largest number of node intervals along an edge of the trial run's cube."""
 DAYS = 6.0
 """Largest length of the trial run [days]; later, winds in the package's scenes grow little."""
-LOOKS = 8
+SAMPLES = 8
 MOST_STEPS = 2000
 
 
@@ -45,8 +45,8 @@ def strongest_advection(model: Model) -> float:
     stepper = RK4(coarse, dt)
     stepper.start(state)
     largest = advection_rate(coarse, state)
-    for look in range(1, LOOKS + 1):
-        while stepper.steps < math.ceil(look * steps / LOOKS):
+    for sample in range(1, SAMPLES + 1):
+        while stepper.steps < math.ceil(sample * steps / SAMPLES):
             stepper.step()
         if not np.isfinite(stepper.state.numpy()).all():
             break
@@ -70,7 +70,7 @@ class FlowLimitStepper(Stepper):
     """A stepper whose steps are limited by waves and wind together."""
 
     reach = 4.0
-    looks: ClassVar[int] = 1
+    tries: ClassVar[int] = 1
     """Number of fractions of the reach to test; the first unstable one bounds the limit."""
 
     @classmethod
@@ -98,7 +98,7 @@ class FlowLimitStepper(Stepper):
             return np.asarray(np.max([largest_moduli(s) for s in steps], axis=0))
 
         return largest_step(
-            factor, wave, radii.dissipation, cls.reach, WEAK if share else NO_GROWTH, cls.looks
+            factor, wave, radii.dissipation, cls.reach, WEAK if share else NO_GROWTH, cls.tries
         )
 
     @classmethod

@@ -42,7 +42,7 @@ class MultirateInfinitesimalStep(FlowLimitStepper):
     """Rows of the second and the third stage, like those of `gamma`."""
     beta: ClassVar[Rows]
     gamma: ClassVar[Rows]
-    reach, looks = 60.0, 120
+    reach, tries = 60.0, 120
     repeats_from = 0
 
     @classmethod

@@ -25,14 +25,14 @@ ROUNDING = 1e-6
 
 def largest_step(
     factor: Callable[[Complex, Complex], Array], wave: float, dissipation: float, reach: float,
-    tolerance: float = NO_GROWTH, looks: int = 1, growth_time: float = math.inf,
+    tolerance: float = NO_GROWTH, tries: int = 1, growth_time: float = math.inf,
 ) -> float:  # fmt: skip
     """Return the largest dt [s] up to which no mode grows by more than the tolerance in a step.
 
     `factor(z_wave, z_dissipation)` is the largest amplification factor for eigenvalues times dt of
     the waves (imaginary) and the dissipation (negative); the search covers all combinations up to
     the spectral radii `wave` and `dissipation` [s-1]. `reach` bounds dt times the sum of both; if
-    steps longer than an unstable one may be stable again, `looks` steps up to it are tried. A
+    steps longer than an unstable one may be stable again, `tries` steps up to it are tried. A
     method that amplifies waves at any step, however short (Heun's of second order), may amplify one
     by a factor e in `growth_time` [s] instead.
     """
@@ -51,8 +51,8 @@ def largest_step(
     def stable(dt: float) -> bool:
         return excess(dt) <= max(tolerance, dt / growth_time)
 
-    tried = reach / (wave + dissipation) * np.linspace(0.0, 1.0, looks + 1)
-    first = next((i for i in range(1, looks) if not stable(tried[i])), looks)
+    tried = reach / (wave + dissipation) * np.linspace(0.0, 1.0, tries + 1)
+    first = next((i for i in range(1, tries) if not stable(tried[i])), tries)
     low, high = tried[first - 1], tried[first]
     while high - low > 1e-4 * high:
         middle = 0.5 * (low + high)

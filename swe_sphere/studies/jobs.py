@@ -24,7 +24,7 @@ from swe_sphere.simulation.loop import Interruption
 MOST_JOBS = 1024
 IGNORED = {signal.SIGINT, signal.SIGHUP}
 """Signals to which only the process that started the others reacts: it then ends them."""
-LOOK = 0.2
+POLLING = 0.2
 """Seconds between two checks for results and for an interruption."""
 
 
@@ -61,7 +61,7 @@ def in_processes(
                 pending = {pool.submit(_do, task) for task in tasks}
             processes |= {*active_children()} - others
             while pending:
-                done, pending = wait(pending, LOOK, FIRST_COMPLETED)
+                done, pending = wait(pending, POLLING, FIRST_COMPLETED)
                 interruption.check()
                 for future in sorted(done, key=lambda each: each.exception() is not None):
                     yield future.result()

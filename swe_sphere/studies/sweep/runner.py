@@ -254,11 +254,11 @@ class Runner:
         if "compile_seconds" in numbers:
             numbers["compile_seconds"] += compiled
         limit = {} if spec.setup.refusal else {"stable_dt": spec.setup.stable_dt}
-        untold = dict.fromkeys(TIMES if self._jobs > 1 else ())
+        omitted = dict.fromkeys(TIMES if self._jobs > 1 else ())
         record = RunRecord(
             key=spec.key, repeat=repeat, role=spec.role, config=spec.resolved,
             status=ended.status, reason=ended.reason or "",
-            numbers=numbers | spec.setup.space.limits | limit | untold, errors=[],
+            numbers=numbers | spec.setup.space.limits | limit | omitted, errors=[],
             time_limit=time_limit, sources=self._sources | spec.setup.sources,
             jobs=self._jobs,
         )  # fmt: skip

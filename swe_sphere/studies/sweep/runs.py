@@ -20,7 +20,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from swe_sphere.equations.scene import Scene
+from swe_sphere.equations.scene import RETURNS, Scene
 from swe_sphere.equations.spectrum import SpectralRadii
 from swe_sphere.errors import ConfigError, in_one_line
 from swe_sphere.files import fingerprints
@@ -270,7 +270,9 @@ class Study:
         files = run_sources(self.plan.run_config(), self.scene)
         origin = "a file" if fingerprints.SCENE_FILE in files else "the package"
         if self._own is not None:
-            origin = users_fingerprint(self._own.initial)
+            given = [getattr(self._own, name) for name in RETURNS]
+            given += (self._own.tracers or {}).values()
+            origin = fingerprints.fingerprint([_code(function) for function in given])
         build.start_warp()
         return {
             "the code of swe_sphere": fingerprints.code_fingerprint(),
