@@ -70,27 +70,34 @@ gradient = Formula(none, no_wind, single, _field, _slope, 2, is_scalar=True)
 
 
 def vector_invariant(terms: Terms) -> Formula:
-    """Return the formula of -zeta k x V - grad B and -div(h V), with B = |V|²/2 + g (h + b)."""
-    winds, load_winds = winds_at(own=True, base=False)
+    """Return the formula of -zeta k x V - grad B and -div(h V), with B = |V|²/2 + g (h + b).
+
+    In the skew form V and h are wind and depth of the state a, and B is the field that x stores in
+    place of its depth; zeta remains the vorticity of the wind of x. See `Terms.skew`.
+    """
+    winds, load_winds = winds_at(own=True, base=terms.skew)
     kind, parts, rates = _equations(terms, curls=1)
-    surface, last = surface_height(terms), 2 - terms.momentum
+    surface, last, first = surface_height(terms), 2 - terms.momentum, 2 * terms.skew
 
     @func
     def operands(geo: geometry, w: winds, a: vector, x: vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
         h = load_nodes(x, 2 * geo.size, node)
         head = value(real(0.0))
-        if wp.static(terms.advection):
+        if wp.static(terms.skew):
+            head = h
+            h = load_nodes(a, 2 * geo.size, node)
+        elif wp.static(terms.advection):
             head = real(0.5) * dot(w[0], w[1], w[0], w[1])
-        if wp.static(terms.pressure):
+        if wp.static(terms.pressure and not terms.skew):
             head += geo.gravity * surface(geo, node, h)
-        return parts(geo, e, n, head, mul(h, w[0]), mul(h, w[1]), w[0], w[1])
+        return parts(geo, e, n, head, mul(h, w[first]), mul(h, w[first + 1]), w[0], w[1])
 
     @func
     def result(geo: geometry, w: winds, d1: kind, d2: kind, e: int, n: int):
         if wp.static(terms.advection):
             zeta = curl(d1[last], d2[last])
-            return rates(geo, d1, d2, e, n, mul(zeta, w[1]), mul(zeta, w[0]))
+            return rates(geo, d1, d2, e, n, mul(zeta, w[first + 1]), mul(zeta, w[first]))
         else:
             return rates(geo, d1, d2, e, n, value(real(0.0)), value(real(0.0)))
 
@@ -134,30 +141,6 @@ def tangent(terms: Terms) -> Formula:
             return rates(geo, d1, d2, e, n, value(real(0.0)), value(real(0.0)))
 
     return Formula(winds, load_winds, kind, operands, result, 3 - terms.momentum, needs_winds=True)
-
-
-def skew(terms: Terms) -> Formula:
-    """Return the formula of -zeta k x Vb - grad B and -div(hb Vb).
-
-    zeta is the vorticity of the wind of x, and B is the field that x stores in place of its depth.
-    Vb and hb are wind and depth of the state a. See `Terms.skew`.
-    """
-    winds, load_winds = winds_at(own=True, base=True)
-    kind, parts, rates = _equations(terms, curls=1)
-
-    @func
-    def operands(geo: geometry, w: winds, a: vector, x: vector, at: int, e: int, n: int):
-        node = geo.nodes[e, n]
-        head = load_nodes(x, 2 * geo.size, node)
-        h = load_nodes(a, 2 * geo.size, node)
-        return parts(geo, e, n, head, mul(h, w[2]), mul(h, w[3]), w[0], w[1])
-
-    @func
-    def result(geo: geometry, w: winds, d1: kind, d2: kind, e: int, n: int):
-        zeta = curl(d1[2], d2[2])
-        return rates(geo, d1, d2, e, n, mul(zeta, w[3]), mul(zeta, w[2]))
-
-    return Formula(winds, load_winds, kind, operands, result, 3, needs_winds=True)
 
 
 def _equations(terms: Terms, curls: int) -> tuple[Any, Any, Any]:

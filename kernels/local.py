@@ -11,7 +11,7 @@ import warp as wp
 
 from swe_sphere.kernels.assembly import finish_rates
 from swe_sphere.kernels.define import func, kernel, specialise, vector
-from swe_sphere.kernels.dynamics import skew, tangent, transport, vector_invariant
+from swe_sphere.kernels.dynamics import tangent, transport, vector_invariant
 from swe_sphere.kernels.element import Finish, element_diffusion, element_sweep
 from swe_sphere.kernels.formulas import Formula
 from swe_sphere.kernels.node import node_diffusion, node_sweep
@@ -110,6 +110,4 @@ def _formula(terms: Terms) -> Formula | None:
         return None
     if terms.passive:
         return transport(alone=True)
-    if terms.skew:
-        return skew(terms)
     return tangent(terms) if terms.tangent else vector_invariant(terms)
