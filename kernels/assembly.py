@@ -35,23 +35,18 @@ def assembly_kernels(unknowns: int, point: Pointwise) -> tuple[Any, Any]:
     some, added, last = rows(unknowns), pointwise_sum(unknowns, point), unknowns - 1
     store_stage, structure, add = stage_store(unknowns), added.structure, added.add
 
-    @func
-    def means(places: Places, inverse_area: vector, stride: int, node: int, local: vector):
-        scale = load(inverse_area, node)
-        r = some()
-        r[0] = mul(scale, gather(local, places, node, 0))
-        if wp.static(last > 0):
-            r[1] = mul(scale, gather(local, places, node, stride))
-            r[2] = mul(scale, gather(local, places, node, 2 * stride))
-        return r
-
     @kernel
     def assemble_pointwise(
         first: int, places: Places, inverse_area: vector, stride: int, size: int, local: vector,
         c: structure, x: vector, s: stage, out: vector,
     ):  # fmt: skip
         node = first + lanes * wp.tid()
-        r = means(places, inverse_area, stride, node, local)
+        scale = load(inverse_area, node)
+        r = some()
+        r[0] = mul(scale, gather(local, places, node, 0))
+        if wp.static(last > 0):
+            r[1] = mul(scale, gather(local, places, node, stride))
+            r[2] = mul(scale, gather(local, places, node, 2 * stride))
         store_stage(s, node, size, add(c, node, size, x, r), out)
 
     @kernel
