@@ -11,8 +11,6 @@ even if gamma differs between elements. (Burman & Hansbo 2004, doi:10.1016/j.cma
 penalise the jumps of gradients in this way.)
 """
 
-from typing import Any
-
 import warp as wp
 
 from swe_sphere.kernels.define import func, index, real, rows, value, vector
@@ -33,7 +31,38 @@ def diffusion(terms: Terms, height: bool, wind: bool) -> Formula:
     out) returns the weak Laplacian plus the values of `out`, if that holds the other terms.
     """
     fields, at_div, at_curl = height + 2 * wind, int(height), height + 1
-    kind, adds, first = rows(fields), terms.dynamics, 0 if wind else terms.unknowns - 1
+    kind, adds, last = rows(fields), terms.dynamics, terms.unknowns - 1
+    surface, first = surface_height(terms), 0 if wind else last
+
+    @func
+    def scaled(geo: geometry, offset: int, node: index, x: value):
+        r = value(real(0.0))
+        if wp.static(terms.diffusion):
+            r += geo.nu * x
+        if wp.static(terms.biharmonic):
+            r -= geo.nu4 * load_nodes(geo.laplacian, offset, node)
+        return r
+
+    @func
+    def operands(geo: geometry, w: none, a: vector, x: vector, at: int, e: int, n: int):
+        node = geo.nodes[e, n]
+        r1 = kind()
+        r2 = kind()
+        if wp.static(height):
+            h = last * geo.size
+            s = scaled(geo, h, node, surface(geo, node, load_nodes(x, h, node)))
+            r1[0] = s
+            r2[0] = s
+        if wp.static(wind):
+            u = scaled(geo, 0, node, load_nodes(x, 0, node))
+            v = scaled(geo, geo.size, node, load_nodes(x, geo.size, node))
+            f1, f2 = contravariant_flux(geo.basis, e, n, u, v)
+            u1, u2 = covariant_wind(geo.basis, e, n, u, v)
+            r1[at_div] = f1
+            r1[at_curl] = u2
+            r2[at_div] = f2
+            r2[at_curl] = u1
+        return r1, r2
 
     @func
     def fluxes(geo: geometry, d1: kind, d2: kind, e: int, n: int):
@@ -69,46 +98,7 @@ def diffusion(terms: Terms, height: bool, wind: bool) -> Formula:
                 r[k] = r[k] + out[e, n, first + k]
         return r
 
-    operands = _diffused(terms, height, wind, kind)
     return Formula(none, no_wind, kind, operands, result, fields, not wind, fluxes=fluxes)
-
-
-def _diffused(terms: Terms, height: bool, wind: bool, kind: Any) -> Any:
-    """Return `Formula.operands` of the surface height and the wind, with their coefficients."""
-    surface, last = surface_height(terms), terms.unknowns - 1
-    at_div, at_curl = int(height), height + 1
-
-    @func
-    def scaled(geo: geometry, offset: int, node: index, x: value):
-        r = value(real(0.0))
-        if wp.static(terms.diffusion):
-            r += geo.nu * x
-        if wp.static(terms.biharmonic):
-            r -= geo.nu4 * load_nodes(geo.laplacian, offset, node)
-        return r
-
-    @func
-    def operands(geo: geometry, w: none, a: vector, x: vector, at: int, e: int, n: int):
-        node = geo.nodes[e, n]
-        r1 = kind()
-        r2 = kind()
-        if wp.static(height):
-            h = last * geo.size
-            s = scaled(geo, h, node, surface(geo, node, load_nodes(x, h, node)))
-            r1[0] = s
-            r2[0] = s
-        if wp.static(wind):
-            u = scaled(geo, 0, node, load_nodes(x, 0, node))
-            v = scaled(geo, geo.size, node, load_nodes(x, geo.size, node))
-            f1, f2 = contravariant_flux(geo.basis, e, n, u, v)
-            u1, u2 = covariant_wind(geo.basis, e, n, u, v)
-            r1[at_div] = f1
-            r1[at_curl] = u2
-            r2[at_div] = f2
-            r2[at_curl] = u1
-        return r1, r2
-
-    return operands
 
 
 winds, load_winds = winds_at(own=True, base=False)
