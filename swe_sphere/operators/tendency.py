@@ -68,11 +68,7 @@ def pointwise_operator(
     (alone,) = mesh.launch.compile(mesh.real, assembly_kernels(unknowns, point)[1])
     structure = specialise(pointwise_sum(unknowns, point).structure, mesh.real)
     own, stage = fill(structure, {"base": None, **parameters}, point), stage or mesh.stage
-
-    def evaluate(x: wp.array, out: wp.array) -> None:
-        mesh.launch(alone, mesh.size, mesh.size, own, x, stage, out)
-
-    return evaluate
+    return lambda x, out: mesh.launch(alone, mesh.size, mesh.size, own, x, stage, out)
 
 
 def fill(structure: Any, parameters: Mapping[str, Any], point: Pointwise) -> Any:

@@ -76,12 +76,9 @@ class TransportRate:
         model.set_time(0.0)
         wind = model.parameters.get("wind", state)
         bound = self._courant.bound(wind, mesh.upload(np.ones(mesh.size)))
-        transport = TracerTransport(mesh, 1)
-
-        def carry(x: wp.array, out: wp.array) -> None:
-            transport(wind, x, depth, out, depth)
-
-        self.initial = min(bound, spectral_radius(model, state, carry))
+        carry = TracerTransport(mesh, 1)
+        radius = spectral_radius(model, state, lambda x, out: carry(wind, x, depth, out, depth))
+        self.initial = min(bound, radius)
         """Estimate of the spectral radius at the initial state of the scene [s-1]."""
         self._share = min(1.0, MARGIN * self.initial / bound) if bound > 0.0 else 1.0
 
