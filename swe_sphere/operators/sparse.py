@@ -166,7 +166,7 @@ def column_squares(mesh: Mesh, weight: Array) -> Array:
 
     `weight` has shape (N,); the unit of the result is that of `weight` per m2.
     """
-    across = [_across(mesh, direction) for direction in (1, 2)]
+    across = _across(mesh)
     inside = [(nodes[:, 1:-1], factors[:, :, 1:-1]) for nodes, factors in across]
     others = (mesh.derivative * (1.0 - np.eye(mesh.np))) ** 2
     total = weight * _own(mesh, across)
@@ -177,13 +177,12 @@ def column_squares(mesh: Mesh, weight: Array) -> Array:
     return total
 
 
-def _across(mesh: Mesh, direction: int) -> Lines:
-    """Return all lines of the elements (E, np, np) in that direction, before summation."""
+def _across(mesh: Mesh) -> list[Lines]:
+    """Return all lines of the elements (E, np, np) in both directions, before summation."""
     b, weights = mesh.basis, mesh.quadrature
-    if direction == 2:
-        return mesh.nodes, weights * np.stack([-b[..., 0, 1], b[..., 0, 0]])
-    factors = weights * np.stack([b[..., 1, 1], -b[..., 1, 0]])
-    return mesh.nodes.swapaxes(1, 2), factors.swapaxes(2, 3)
+    first = weights * np.stack([b[..., 1, 1], -b[..., 1, 0]])
+    second = weights * np.stack([-b[..., 0, 1], b[..., 0, 0]])
+    return [(mesh.nodes.swapaxes(1, 2), first.swapaxes(2, 3)), (mesh.nodes, second)]
 
 
 def _edges(across: list[Lines]) -> Lines:
