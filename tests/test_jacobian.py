@@ -22,7 +22,7 @@ def model_with(mesh, scene, kind: str, **options) -> Model:
     """A model with the exact Jacobian, or with differences of right-hand sides in its place."""
     model = Model(mesh, scene, **options)
     if kind == "difference":
-        model.jacobian = lambda: DifferenceJacobian(model)
+        model.jacobian = lambda: DifferenceJacobian(model, model.names, model.tendency)
     return model
 
 

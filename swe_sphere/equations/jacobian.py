@@ -1,15 +1,16 @@
 """Operators that apply the derivative of the right-hand side at a state to directions."""
 
-from typing import TYPE_CHECKING, Self
+from collections.abc import Callable, Sequence
+from typing import Self
 
 import numpy as np
 import warp as wp
 
 from swe_sphere.arrays import Array
+from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.equations.right_hand_side import RightHandSide
 
-if TYPE_CHECKING:
-    from swe_sphere.equations.model import Model
+Tendency = Callable[[wp.array, float, wp.array], None]
 
 
 class ExactJacobian:
@@ -39,17 +40,19 @@ class DifferenceJacobian:
     derivative. It costs about as much as the exact product, but has only half the digits.
     """
 
-    def __init__(self, model: "Model") -> None:
-        self._model, self._names = model, list(model.names)
-        self._base, self._slope, self._moved, self._zero = (model.zeros() for _ in range(4))
+    def __init__(self, model: DiscreteScene, names: Sequence[str], tendency: Tendency) -> None:
+        """Store the names of the blocks (N,) of a state, and the function tendency(x, t, out)."""
+        self._model, self._names, self._tendency = model, list(names), tendency
+        size = len(names) * model.device_mesh.size
+        self._base, self._slope, self._moved, self._zero = (model.zeros(size) for _ in range(4))
         self._root = float(np.sqrt(np.finfo(model.device_mesh.numpy_real).eps))
-        self._time, self._sizes = 0.0, np.ones(len(self._names))
+        self._time, self._sizes = 0.0, np.ones(len(names))
 
     def update(self, state: wp.array, t: float) -> Self:
         """Linearise at a copy of the state and at time t [s]; costs one right-hand side."""
         wp.copy(self._base, state)
         self._time, self._sizes = t, self._sizes_of(state)
-        self._model.tendency(state, t, self._slope)
+        self._tendency(state, t, self._slope)
         return self
 
     def __call__(self, direction: wp.array, out: wp.array) -> None:
@@ -60,7 +63,7 @@ class DifferenceJacobian:
             return
         e, combine = self._root / relative, self._model.launch.combine
         combine(self._base, direction, e, out=self._moved)
-        self._model.tendency(self._moved, self._time, out)
+        self._tendency(self._moved, self._time, out)
         combine(self._zero, out, 1.0 / e, self._slope, -1.0 / e, out=out)
 
     def _largest(self, state: wp.array) -> Array:

@@ -273,7 +273,7 @@ class Model(DiscreteScene):
     def jacobian(self) -> Jacobian:
         """Return a new Jacobian; call its `update` with a state and a time before the first use."""
         if not all(effect.differentiable for effect in self.scene.effects):
-            return DifferenceJacobian(self)
+            return DifferenceJacobian(self, self.names, self.tendency)
         terms = element_terms(self.scene, "tangent")
         point = pointwise_terms(self.scene, "tangent", self.parameters)
         depends = "base" not in self.parameters and (terms.gradient or point.needs_base)

@@ -239,7 +239,7 @@ ANALYSIS = tested(
         "integrals with the gravity of the Earth",
         ACCESSOR,
         ("test_analysis.py::test_potential_vorticity_and_integrals",),
-        "planet = Planet(**(json.loads(told) if isinstance(told, str) else told))",
+        "planet = Planet(**(json.loads(given) if isinstance(given, str) else given))",
         "planet = Planet()",
     ),
     (

@@ -208,8 +208,8 @@ METADATA = tested(
         "state checked every 1600 steps",
         "swe_sphere/simulation/observers.py",
         ("test_health.py::test_a_run_that_nothing_observes_ends_soon_after_its_state_is_ruined",),
-        "CHECK_STEPS, MOST_PARTS = 16, 1000\n",
-        "CHECK_STEPS, MOST_PARTS = 1600, 1000\n",
+        "CHECK_STEPS, MOST_FORCING_TIMES = 16, 1000\n",
+        "CHECK_STEPS, MOST_FORCING_TIMES = 1600, 1000\n",
     ),
     (
         "a depth of zero passes",
