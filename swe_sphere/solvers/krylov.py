@@ -266,6 +266,8 @@ class ConjugateGradients(KrylovSolver):
 GAIN = 1e-6
 # A second pass follows at the latest if the first leaves less than this fraction of a vector.
 REMAINDER = 0.1
+LOSS = 0.03
+"""Largest |I - V' V| in GMRES: a residual may differ by this fraction from its estimate."""
 WINDOW = 2
 """Number of vectors that a short basis orthogonalises against, as suffices for a skew operator:
 waves are skew in the inner product of their energy (Gaudreault, Rainwater & Tokman 2018)."""
@@ -275,23 +277,25 @@ class KrylovBasis:
     """Memory for `size` vectors; `rows[k]` is the k-th, in the memory of `stack` (size, n).
 
     A vector is made orthogonal to all vectors before it, or to the last WINDOW in a short basis.
+    loss: largest deviation |I - V' V|; by default that of a semi-orthogonal basis, which suffices
+    for projections accurate to round-off (Simon 1984, doi:10.1016/0024-3795(84)90025-9).
     """
 
-    def __init__(self, space: VectorSpace, size: int, short: bool = False) -> None:
+    def __init__(
+        self, space: VectorSpace, size: int, short: bool = False, loss: float | None = None
+    ) -> None:
         self.space, self._short = space, short
         self.stack = space.empty_stack(size)
         self.rows = [self.stack[k] for k in range(size)]
         self._firsts = [max(0, k - WINDOW) if short else 0 for k in range(size)]
         self._stacks = [self.stack[first:] if first else self.stack for first in self._firsts]
-        # bound of |I - V' V|, and its limit: semi-orthogonality suffices for the projections
-        # (Simon 1984, doi:10.1016/0024-3795(84)90025-9)
-        self._loss = 0.0
-        self._allowed = math.sqrt(space.epsilon)
+        self.loss, self._allowed = 0.0, math.sqrt(space.epsilon) if loss is None else loss
+        """Bound of |I - V' V|, and its limit."""
 
     def start(self, length: float) -> None:
         """Restart from rows[0], whose norm is `length`, and normalise it."""
         self.space.scale(1.0 / length, self.rows[0])
-        self._loss = self.space.epsilon
+        self.loss = self.space.epsilon
 
     def extend(self, count: int) -> tuple[Array, float]:
         """Make v = rows[count] orthonormal to the k rows that its orthogonalisation uses.
@@ -331,11 +335,11 @@ class KrylovBasis:
         if self._short:
             return True
         ratio = math.sqrt((square - rest) / rest)
-        growth = self._loss * ratio * max(ratio, 1.0)
-        loss = self._loss + growth + self.space.epsilon * math.sqrt(square / rest)
+        growth = self.loss * ratio * max(ratio, 1.0)
+        loss = self.loss + growth + self.space.epsilon * math.sqrt(square / rest)
         if not loss <= self._allowed:
             return False
-        self._loss = loss
+        self.loss = loss
         return True
 
     def _subtract(self, count: int, c: Array, rest: float) -> float:
@@ -423,7 +427,7 @@ class FlexibleGMRES(KrylovSolver):
         if size < 1:
             raise ConfigError(f"GMRES needs at least one basis vector, got {size}")
         self.space, self.size = space, size
-        self._basis = KrylovBasis(space, size + 1)
+        self._basis = KrylovBasis(space, size + 1, loss=LOSS)
         self._residual = self._basis.rows[0]
         self._images: wp.array | None = None
         self._image_rows: list[wp.array] = []
@@ -434,7 +438,7 @@ class FlexibleGMRES(KrylovSolver):
         if p.precondition is not None and self._images is None:
             self._images = self.space.empty_stack(self.size)
             self._image_rows = [self._images[i] for i in range(self.size)]
-        small, goal = HessenbergLeastSquares(start, epsilon), max(p.target, epsilon * start)
+        small = HessenbergLeastSquares(start, epsilon)
         self._basis.start(start)
         met = broken = False
         for k in range(min(self.size, p.limit - p.iterations)):
@@ -450,6 +454,7 @@ class FlexibleGMRES(KrylovSolver):
                 return
             p.history.append(small.append(column.tolist(), below))
             p.iterations += 1
+            goal = max((1.0 - self._basis.loss) * p.target, epsilon * start)
             met, broken = p.residual <= goal, below == 0.0 and p.residual > goal
             if met or broken:
                 break
