@@ -117,7 +117,8 @@ def test_a_further_file_does_not_replace_the_run_that_is_resumed(tmp_path):
     file = tmp_path / "a.nc"
     Simulation("williamson2", ne=2, np=4, dt=1800.0).run(days=0.125, out=file, progress=False)
     before = file.read_bytes()
-    for fields in ({"outputs": [Output(file)]}, {"plot": file}):
+    beside = checkpoint_path(file)
+    for fields in ({"outputs": [Output(file)]}, {"plot": file}, {"log": beside}):
         with pytest.raises(ConfigError, match="is a file that the run reads"):
             run_scene(make_config({"scene": "williamson2", "restart": file, "days": 0.25,
                                    "overwrite": True} | fields))  # fmt: skip

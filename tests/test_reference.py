@@ -304,6 +304,9 @@ def test_coordinates_of_no_grid_are_refused_in_one_line(tmp_path):
     faults = {
         "is damaged": whole.assign(lat_bnds=("lat", np.linspace(-90.0, 90.0, 18))),
         "pole to pole": whole.assign_coords(lat=np.where(lat == 5.0, np.nan, lat)),
+        "to pole": whole.assign_coords(lat=np.where(lat == 5.0, np.nan, lat)).assign(
+            lat_bnds=(("lat", "two"), bounds)
+        ),
         "pole to": whole.assign(lat_bnds=(("lat", "two"), np.full_like(bounds, np.nan))),
         "damaged": whole.isel(lon=slice(0)),
     }

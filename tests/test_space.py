@@ -99,9 +99,11 @@ def test_sums_of_two_and_copies(space: VectorSpace) -> None:
     assert not x.numpy().any()
 
 
-def filled_basis(space: VectorSpace, size: int, done: int) -> tuple[KrylovBasis, np.ndarray]:
+def filled_basis(
+    space: VectorSpace, size: int, done: int, most_loss: float | None = None
+) -> tuple[KrylovBasis, np.ndarray]:
     """A basis with random rows, the first `done` of them orthonormal; and all as they were."""
-    basis = KrylovBasis(space, size)
+    basis = KrylovBasis(space, size, most_loss=most_loss)
     rows = np.random.default_rng(0).standard_normal((size, space.n))
     np.copyto(basis.stack.numpy(), rows, casting="same_kind")
     basis.start(space.norm(basis.rows[0]))
@@ -147,6 +149,38 @@ def test_basis_does_not_lose_orthogonality_little_by_little(space: VectorSpace) 
         _, length = basis.extend(count)
         assert 0.1 * before < length < 0.5 * before
     assert gram(basis, 30) == pytest.approx(np.eye(30), abs=2.0 * math.sqrt(space.epsilon))
+
+
+@pytest.mark.parametrize("most_loss", [1e-4, 0.03])
+def test_basis_loses_no_more_orthogonality_than_it_may(space: VectorSpace, most_loss) -> None:
+    """The bound is right, whatever is left of a vector, and a large limit is made use of."""
+    basis, random = filled_basis(space, 20, 1, most_loss)
+    kept = np.sqrt(1.0 / space.n) * np.where(np.arange(20) % 5 == 4, 1e-3, 0.3)
+    for count in range(1, 20):
+        rows = basis.stack.numpy()
+        rows[count] = rows[:count].sum(axis=0) + kept[count] * random[count]
+        _, length = basis.extend(count)
+        assert 0.1 * kept[count] < length / np.sqrt(space.n) < 10.0 * kept[count]
+        deviation = np.linalg.norm(gram(basis, count + 1) - np.eye(count + 1), 2)
+        assert deviation <= 2.0 * basis.loss + 10.0 * count * space.epsilon
+        assert basis.loss <= most_loss
+    assert basis.loss > 0.0
+
+
+@pytest.mark.parametrize("remainder", [2e-3, 5e-4])
+def test_basis_that_is_hardly_orthogonal_finds_what_is_left(space: VectorSpace, remainder) -> None:
+    """A second pass is not enough; the remainder is neither lost nor confused with the span."""
+    basis, random = filled_basis(space, 4, 3, 0.03)
+    rows = basis.stack.numpy()
+    rows[1] += 0.025 * rows[0]
+    basis.loss = 0.03
+    mine = random[3] / space.norm(wp.array(random[3], dtype=space.real, device="cpu"))
+    rows[3] = rows[0] + rows[1] + rows[2] + remainder * mine
+    _, length = basis.extend(3)
+    assert length == pytest.approx(remainder, rel=0.1)
+    assert np.abs(gram(basis, 4)[3, :3]).max() < 0.01
+    rows[3] = rows[0] - rows[1]
+    assert basis.extend(3)[1] == 0.0
 
 
 def test_basis_knows_its_own_span(space: VectorSpace) -> None:

@@ -67,8 +67,8 @@ class CheckpointHeader(BaseModel, strict=True, allow_inf_nan=False):
 def mesh_of(attributes: Mapping[str, Any], data: "xr.Dataset", failure: str) -> Mesh:
     """Return the mesh of a dataset of a run with these attributes.
 
-    Raises ConfigError, which begins with `failure`, if the attributes do not describe a mesh, or
-    describe one of another size or with other nodes. The size is checked before the mesh is built.
+    Raises ConfigError, which begins with `failure`, if an attribute is unfit, or the mesh is of
+    another size or has other nodes. The size is checked before the mesh is built.
     """
     values = {name: attributes[name] for name in MESH_ATTRIBUTES}
     ne, order = values["ne"], values["np"]

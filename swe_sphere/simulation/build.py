@@ -316,7 +316,7 @@ class Initial:
             also = "" if day is None else "; initial-time chooses a frame of it"
             raise _unfit("initial", "a file, a dataset or a function", given, also)
         self._run, self._time, digest = run, run.frame_time(time), hashlib.sha256()
-        self.time_offset = self._time + run.attributes.get("time_offset", 0.0)
+        self.time_offset = self._time + float(run.attributes.get("time_offset", 0.0))
         self._fields = {name: numpy.array(x) for name, x in run.frame(self._time).items()}
         for field, values in sorted(self._fields.items()):
             digest.update(field.encode() + numpy.ascontiguousarray(values).tobytes())

@@ -137,9 +137,8 @@ class HealthCheck(Observer):
         if not harmless and (depth := self._space.lowest(state, *self._depth)) <= 0.0:
             raise self._unstable(f"the depth is not positive ({depth:.3g} m)", snapshot)
         if model.scene.forcing is not None:
-            whole = min(
-                MOST_FORCING_TIMES, 1 + snapshot.steps // 4
-            )  # of the run so far, maybe resumed
+            # of the run so far, maybe resumed
+            whole = min(MOST_FORCING_TIMES, 1 + snapshot.steps // 4)
             parts = 1 if model.forcing.steady else 4 if self._time else whole
             span = (time - self._time) / parts
             for t in self._time + span * (0.5 + np.arange(parts)):

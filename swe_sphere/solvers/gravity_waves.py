@@ -35,7 +35,8 @@ LEAST_DEPTH_SHARE = 0.8
 sooner in fluid deeper than its reference than in shallower fluid (docs/results/steps.md)."""
 ROUGH = 2e-6
 """Products with S in float32, at half the cost, suffice for relative tolerances above ROUGH times
-the largest diagonal entry of S: their error relative to the factor is at most a twentieth of it."""
+the largest diagonal entry of S: their error relative to the factor is at most a twentieth of it.
+So do elimination and substitution, whose error is relative to the state they are applied to."""
 INERTIAL = 1.25
 """An inertial wave of frequency f limits explicit steps like advection of the rate INERTIAL f;
 measured on meshes coarse enough that such waves limit the step (docs/results/steps.md)."""

@@ -264,10 +264,11 @@ class ConjugateGradients(KrylovSolver):
 
 # Columns that lower the residual by less than this fraction are not used.
 GAIN = 1e-6
-# A second pass follows at the latest if the first leaves less than this fraction of a vector.
-REMAINDER = 0.1
+# A second pass follows at the latest if the first leaves less than this fraction of a vector, a
+# further one if more than another fraction of the rest lies in the span.
+REMAINDER, INSIDE, MOST_PASSES = 0.1, 0.01, 5
 LOSS = 0.03
-"""Largest |I - V' V| in GMRES: a residual may differ by this fraction from its estimate."""
+"""Largest |I - V' V| in GMRES, by which fraction a residual may differ from its estimate."""
 WINDOW = 2
 """Number of vectors that a short basis orthogonalises against, as suffices for a skew operator:
 waves are skew in the inner product of their energy (Gaudreault, Rainwater & Tokman 2018)."""
@@ -277,20 +278,21 @@ class KrylovBasis:
     """Memory for `size` vectors; `rows[k]` is the k-th, in the memory of `stack` (size, n).
 
     A vector is made orthogonal to all vectors before it, or to the last WINDOW in a short basis.
-    loss: largest deviation |I - V' V|; by default that of a semi-orthogonal basis, which suffices
-    for projections accurate to round-off (Simon 1984, doi:10.1016/0024-3795(84)90025-9).
+    most_loss: largest deviation |I - V' V|; by default that of a semi-orthogonal basis, which
+    suffices for projections accurate to round-off (Simon 1984, doi:10.1016/0024-3795(84)90025-9).
     """
 
     def __init__(
-        self, space: VectorSpace, size: int, short: bool = False, loss: float | None = None
+        self, space: VectorSpace, size: int, short: bool = False, most_loss: float | None = None
     ) -> None:
         self.space, self._short = space, short
         self.stack = space.empty_stack(size)
         self.rows = [self.stack[k] for k in range(size)]
         self._firsts = [max(0, k - WINDOW) if short else 0 for k in range(size)]
         self._stacks = [self.stack[first:] if first else self.stack for first in self._firsts]
-        self.loss, self._allowed = 0.0, math.sqrt(space.epsilon) if loss is None else loss
-        """Bound of |I - V' V|, and its limit."""
+        self._most_loss = math.sqrt(space.epsilon) if most_loss is None else most_loss
+        self.loss = 0.0
+        """Bound of |I - V' V| so far."""
 
     def start(self, length: float) -> None:
         """Restart from rows[0], whose norm is `length`, and normalise it."""
@@ -302,9 +304,9 @@ class KrylovBasis:
 
         Returns (c (k,), r) with v at entry = sum_s c_s (row s of these k) + r v at exit. r is 0 and
         v at exit meaningless if v lies in their span to round-off; r is not finite if v is not.
-        Classical Gram-Schmidt, with a single second pass after cancellation ("twice is enough":
-        Parlett, The Symmetric Eigenvalue Problem, section 6.9; Giraud, Langou, Rozloznik & van den
-        Eshof 2005, doi:10.1007/s00211-005-0615-4).
+        Classical Gram-Schmidt, with a second pass after cancellation; it is enough for orthogonal
+        rows (Parlett, The Symmetric Eigenvalue Problem, section 6.9; Giraud, Langou, Rozloznik &
+        van den Eshof 2005, doi:10.1007/s00211-005-0615-4), and others may need a further one.
         """
         c, square = self._project(count)
         rest = square - float(c.dot(c))
@@ -312,13 +314,16 @@ class KrylovBasis:
             return c, self._subtract(count, c, rest)
         if not 0.0 < square < math.inf:
             return c, 0.0 if square == 0.0 else math.nan
-        row = self.rows[count]
-        self.space.combine(row, self._stacks[count], -c, row)
-        more, left = self._project(count)
-        rest = left - float(more.dot(more))
-        if rest <= max(REMAINDER**2 * left, (10.0 * self.space.epsilon) ** 2 * square):
-            return c + more, 0.0
-        return c + more, self._subtract(count, more, rest)
+        row, more = self.rows[count], c
+        for _ in range(1, MOST_PASSES):
+            self.space.combine(row, self._stacks[count], -more, row)
+            more, left = self._project(count)
+            c, inside = c + more, float(more.dot(more))
+            if left <= (10.0 * self.space.epsilon) ** 2 * square:
+                break
+            if not inside > INSIDE**2 * left:  # also NaN
+                return c, self._subtract(count, more, left - inside)
+        return c, 0.0
 
     def _project(self, count: int) -> tuple[Array, float]:
         """Return the products of a row with the rows before it, and with itself."""
@@ -337,7 +342,7 @@ class KrylovBasis:
         ratio = math.sqrt((square - rest) / rest)
         growth = self.loss * ratio * max(ratio, 1.0)
         loss = self.loss + growth + self.space.epsilon * math.sqrt(square / rest)
-        if not loss <= self._allowed:
+        if not loss <= self._most_loss:
             return False
         self.loss = loss
         return True
@@ -427,7 +432,7 @@ class FlexibleGMRES(KrylovSolver):
         if size < 1:
             raise ConfigError(f"GMRES needs at least one basis vector, got {size}")
         self.space, self.size = space, size
-        self._basis = KrylovBasis(space, size + 1, loss=LOSS)
+        self._basis = KrylovBasis(space, size + 1, most_loss=LOSS)
         self._residual = self._basis.rows[0]
         self._images: wp.array | None = None
         self._image_rows: list[wp.array] = []

@@ -264,13 +264,13 @@ class Study:
     def sources(self) -> dict[str, str]:
         """Fingerprints of all sources of every run except its settings, by name.
 
-        Scenes of one name are distinguished by their origin: the package, a file or an object.
+        Scenes of one name are distinguished by their origin: the package, a file or functions.
         Times of one processor do not apply to another.
         """
         files = run_sources(self.plan.run_config(), self.scene)
         origin = "a file" if fingerprints.SCENE_FILE in files else "the package"
         if self._own is not None:
-            given = [getattr(self._own, name) for name in RETURNS]
+            given = [getattr(self._own, name) for name in (*RETURNS, "exact_tracers")]
             given += (self._own.tracers or {}).values()
             origin = fingerprints.fingerprint([_code(function) for function in given])
         build.start_warp()
