@@ -87,8 +87,8 @@ class Reference(Source):
             ends, beyond = self.lat if bounds is None else bounds, 1e-3
             if bounds is None:
                 beyond = 1.5 * np.abs(np.diff(self.lat)).max(initial=0.0)
-            reach = min(-ends.min(), ends.max()) + beyond + 0.0 * self.lat.sum()
-            if not reach >= np.pi / 2.0:  # also for NaN
+            reaches = min(-ends.min(), ends.max()) + beyond >= np.pi / 2.0  # False for NaN
+            if not (reaches and np.isfinite(self.lat).all()):
                 raise ConfigError(f"{self.path}: latitudes must reach from pole to pole")
             weights = latitude_weights(self.lat, bounds)
         self.area = np.repeat(weights / count, count)

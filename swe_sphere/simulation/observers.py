@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from swe_sphere.equations.effects import PointwiseEffect
 from swe_sphere.errors import ConfigError, RunFailed, Unstable
 from swe_sphere.files.user_file import is_custom
 from swe_sphere.logs import LOGGER
@@ -102,10 +103,8 @@ class HealthCheck(Observer):
         conserving = [e for e in scene.effects if "mass" in e.conserves]
         self._conserves = len(conserving) == len(scene.effects) and scene.forcing is None
         custom = [effect for effect in scene.effects if is_custom(type(effect))]
-        claims = {
-            e.name: getattr(e, "tendencies", (None, None))[1] for e in conserving if e in custom
-        }
-        self._claims = [name for name, of_depth in claims.items() if of_depth is not None]
+        pointwise = [e for e in custom if isinstance(e, PointwiseEffect) and e in conserving]
+        self._claims = [e.name for e in pointwise if e.tendencies[1] is not None]
         self._tendency = model.right_hand_side(counted=False) if self._claims else None
         self._rate, self._force = model.zeros(), model.zeros()
         self._expected_norm = self._space.norm(start)

@@ -57,16 +57,6 @@ def _is_same_file(path: Path, other: Path | None) -> bool:
     return other is not None and other.exists() and path.exists() and path.samefile(other)
 
 
-def _files_of(restart: Path | None) -> tuple[Path, ...]:
-    """Return the file of frames and the checkpoint beside it, of which either is given."""
-    if restart is None:
-        return ()
-    from swe_sphere.io.checkpoint import checkpoint_path
-
-    frames = restart.with_name(restart.name.removesuffix(".restart"))
-    return frames, checkpoint_path(frames)
-
-
 def check_paths(config: RunConfig, read: Iterable[Path] = ()) -> None:
     """Check, before anything is computed, that the files of a run can be written.
 
@@ -90,8 +80,10 @@ def check_paths(config: RunConfig, read: Iterable[Path] = ()) -> None:
         if path.resolve() in seen:
             raise ConfigError(f"{name}: {path} would be written twice: choose another name")
         seen |= {path.resolve(), checkpoint_path(path.resolve())}
-        known = sources if name == "out" else (*sources, *_files_of(config.restart))
-        if any(_is_same_file(path, source) for source in known):
+        resumed = config.restart, config.restart and checkpoint_path(config.restart)
+        known = sources if name == "out" else (*sources, *resumed)
+        pair = path, checkpoint_path(path)
+        if any(_is_same_file(each, source) for each in pair for source in known):
             raise ConfigError(f"{name}: {path} is a file that the run reads: choose another name")
         if len(path.name.encode()) > LONGEST_NAME:
             raise ConfigError(
