@@ -224,6 +224,7 @@ MISTAKES = {
     "run williamson2 --alpha 0 --set scene.alpha=1": "alpha is given twice",
     "run williamson2 --out nowhere/a.nc": "out: there is no folder nowhere",
     "run williamson2 --out .": "out: . is a folder",
+    "run williamson2 --out /": "out: / is a folder",
     "run williamson2 --plot p.txt": "plot: p.txt must end in .png",
     "run williamson2 --restart none.nc": "there is no file none.nc",
     "run williamson2 --trust none.py": "there is no file none.py",

@@ -39,7 +39,7 @@ class Checkpoint:
 
 def checkpoint_path(path: Path) -> Path:
     """Return the path of the checkpoint of a file of frames."""
-    return path.with_name(f"{path.name}.restart")
+    return Path(f"{path}.restart")
 
 
 def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
