@@ -16,7 +16,12 @@ from swe_sphere.planet import DAY, HOUR
 from swe_sphere.solvers.krylov import WINDOW, KrylovBasis
 from swe_sphere.solvers.vector_space import DeviceSpace, VectorSpace
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.steppers.exponential import ExponentialResult, KrylovExponential, _remainder
+from swe_sphere.steppers.exponential import (
+    ExponentialMultistep,
+    ExponentialResult,
+    KrylovExponential,
+    _remainder,
+)
 from swe_sphere.steppers.stage_solver import energy_weights
 from swe_sphere.testcases import get_scene
 
@@ -173,6 +178,16 @@ def test_weights_take_in_remainders_up_to_the_order(name: str) -> None:
     for power in range(2, cls.order):
         assert abs(_remainder(cls.weights, power)) < 1e-15
     assert cls.error_constant == abs(_remainder(cls.weights, cls.order)) > 1e-3
+
+
+def test_rows_of_weights_may_become_longer(small_mesh) -> None:
+    class Ragged(ExponentialMultistep):
+        name, order, weights = "ragged", 2, ((0.1,), (0.1, 0.2, 0.3))
+
+    model = Model(small_mesh, get_scene("williamson5"))
+    start = model.initial_state()
+    found, expected = (advance(name, model, start, 600.0, 1.5 * HOUR) for name in ("ragged", "rk4"))
+    assert relative(found.state.numpy(), expected.state.numpy(), 3) < 1e-3
 
 
 def orders(model: Model, state, name: str, steps, duration: float) -> list[float]:

@@ -215,3 +215,28 @@ def test_sources_of_depth_have_no_limiter(mesh):
             Simulation(scene, ne=2, np=4)  # before it opens a file
     forced = replace(flow, effects=(*flow.effects, Forcing()), forcing=wind_alone)
     assert Model(mesh, forced).limiter is not None
+
+
+def test_a_source_that_begins_later_ends_the_run(mesh) -> None:
+    """With the frames up to then: whether there is one cannot be known before."""
+
+    def second_hour(lon, lat, t):
+        return 0.0 * lat, 0.0 * lat, 0.2 * np.cos(lat) ** 2 * (3600.0 <= t < 7200.0)
+
+    flow = with_cylinders(get_scene("williamson2"))
+    scene = replace(flow, effects=(*flow.effects, Forcing()), forcing=second_hour)
+    simulation = Simulation(scene, mesh=mesh, stepper="rk4", dt=900.0)
+    summary = simulation.run(days=0.25, progress=False)
+    assert "has sources of depth: leave" in summary["reason"] and 0 < summary["steps"] <= 4
+
+
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_nan_is_no_mixing_ratio_within_bounds(mesh, precision: str) -> None:
+    model = Model(mesh, with_cylinders(get_scene("williamson2")), precision=precision)
+    state = model.initial_state().numpy()
+    state[-5] = np.nan
+    stepper = STEPPERS["rk4"](model, 300.0)
+    stepper.start(model.device_mesh.upload(state))
+    stepper.step()
+    after = stepper.state.numpy()[3 * mesh.size :].reshape(2, -1)
+    assert np.isfinite(after[0]).all() and np.isnan(after[1]).any()

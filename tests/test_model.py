@@ -186,6 +186,13 @@ def test_a_start_that_makes_no_sense_is_refused(small_mesh, value: float, words:
         Model(small_mesh, replace(base, initial=initial)).initial_state()
 
 
+def test_a_wind_that_changes_needs_a_depth_without_waves_too(small_mesh) -> None:
+    base = make_scene("advection")
+    scene = replace(base, initial=lambda lon, lat: (0.0 * lat, 0.0 * lat, np.sin(lat)))
+    with pytest.raises(ConfigError, match=r"initial depth is -0.996 m at longitude"):
+        Model(small_mesh, scene).initial_state()
+
+
 def test_a_passive_depth_may_be_nothing(small_mesh) -> None:
     """The bell of williamson1 stands on dry ground."""
     model = Model(small_mesh, get_scene("williamson1"))
@@ -263,6 +270,13 @@ def test_tracers_that_the_scene_lacks_are_refused(small_mesh) -> None:
     ones = np.ones(small_mesh.size)
     with pytest.raises(ValueError, match="has no tracers dust"):
         model.state_from(ones, ones, ones, dust=ones)
+
+
+def test_tracers_may_have_the_names_of_wind_and_depth(small_mesh) -> None:
+    scene = replace(dry_at_a_pole(False), tracers={"h": lambda lon, lat: 1.0})
+    model, ones = Model(small_mesh, scene), np.ones(small_mesh.size)
+    ratio = model.fields(model.state_from(ones, ones, ones, h=2.0 * ones))["q_h"]
+    assert (ratio == 2.0).all()
 
 
 def test_spectra_count_no_evaluations(small_mesh) -> None:

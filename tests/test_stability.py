@@ -233,6 +233,7 @@ EMBEDDED = PAIR | {"estimate_order": 4}
             r"`implicit` must have \[2, 3\] numbers",
         ),
         ("sdirk3", 1, {"a": ((np.nan,),), "b": (1.0,)}, "`a` must have finite numbers"),
+        ("sdirk3", 1, {"a": ((-0.5,),), "b": (1.0,)}, "diagonal of `a` must not be negative"),
         ("sdirk3", 1, {"a": ((1.0,),)}, "invalid coefficients: .* no attribute 'b'"),
         ("sdirk3", "two", {"a": ((1.0,),), "b": (1.0,)}, "invalid coefficients: .*'str'"),
         ("rk4", 1, {"a": (), "b": 1.0}, "invalid coefficients: .*'float'"),

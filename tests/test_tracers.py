@@ -258,3 +258,13 @@ def test_scenes_with_senseless_tracers_are_refused(changes, complaint):
     scene = with_tracers(get_scene("williamson5"))
     with pytest.raises(ConfigError, match=complaint):
         replace(scene, **changes)
+
+
+@pytest.mark.parametrize("name", ["rk4", "tr-bdf2"])
+def test_mixing_ratios_may_be_as_small_as_numbers_are(name):
+    scene = replace(
+        with_tracers(make_scene("pressure")), tracers={"trace": lambda lon, lat: 1e-160}
+    )
+    simulation = Simulation(scene, ne=2, np=4, stepper=name, dt=600.0)
+    assert simulation.run(days=0.05, progress=False)["completed"]
+    assert simulation.snapshot.fields["q_trace"] == pytest.approx(1e-160, rel=1e-12)

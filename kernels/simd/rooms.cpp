@@ -4,8 +4,8 @@ const auto widen = [](run r) { return $widened; };
 wide sums[3] = {};
 const auto add = [&](auto mass, auto h, auto space, auto to) {
     const auto least = low * h, most = high * h;
-    auto clipped = mass > least ? mass : least;
-    clipped = clipped < most ? clipped : most;
+    auto clipped = mass < least ? least : mass;  // NaN stays NaN
+    clipped = clipped > most ? most : clipped;
     const auto over = mass - clipped, above = most - clipped, below = clipped - least;
     to(0, over, space); to(1, above, space); to(2, below, space);
 };

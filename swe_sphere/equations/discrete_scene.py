@@ -44,9 +44,13 @@ class DiscreteScene(NotCopyable):
         self.wind = PrescribedFields(
             self.device_mesh, scene.wind, parameters.get("wind"), "uv", scene.steady_wind
         )
+        limited = getattr(scene.effect("tracers"), "limiter", False)
+        no_sources = f"{scene.name} has sources of depth: leave tracers.limiter out"
+        if limited and scene.changes_depth:
+            raise ConfigError(no_sources)
         self.forcing = PrescribedFields(
             self.device_mesh, scene.forcing, parameters.get("forcing"), self.fluid,
-            scene.steady_forcing,
+            scene.steady_forcing, no_sources if limited else None,
         )  # fmt: skip
         self.set_time(0.0)  # a faulty function fails before anything is computed
         self.scratch = cache(lambda name: DiscreteScene.zeros(self, self.fluid_size))
@@ -164,14 +168,16 @@ class PrescribedFields:
 
     def __init__(
         self, on: DeviceMesh, formula: Any, target: wp.array | None, blocks: Sequence[str],
-        steady: bool,
+        steady: bool, no_sources: str | None = None,
     ) -> None:  # fmt: skip
         """Prepare the fields of a function of the scene.
 
         formula: the function. target: device array for its results, None if the scene has no such
         function. blocks: names of the blocks (N,) of `target`. steady: evaluate only once.
+        no_sources: message of the ConfigError for a rate of the depth other than 0; None permits it
         """
         self._on, self._formula, self._target, self._blocks = on, formula, target, blocks
+        self._no_sources = no_sources
         self.steady = steady or target is None
         """True if the fields are the same at all times."""
         self._time: float | None = None
@@ -186,6 +192,8 @@ class PrescribedFields:
             mesh = self._on.mesh
             fields = dict(zip("uvh", self._formula(mesh.lon, mesh.lat, t), strict=False))
             if "h" in fields:
+                if self._no_sources is not None and fields["h"].any():
+                    raise ConfigError(self._no_sources)
                 self.mean_source = float(np.average(fields["h"], weights=mesh.area))
             values = np.concatenate([fields[name] for name in self._blocks])
             wp.copy(self._target, self._on.scatter(values))

@@ -81,10 +81,12 @@ class Model(DiscreteScene):
 
     @property
     def diffusive(self) -> bool:
+        """True if the scene has viscosity or hyperviscosity."""
         return any(effect.diffuses for effect in self.scene.effects)
 
     @property
     def penalised(self) -> bool:
+        """True if the scene has an edge penalty."""
         return self.scene.effect("edge-penalty") is not None
 
     def damping(self, squares: Array) -> Array:
@@ -144,7 +146,7 @@ class Model(DiscreteScene):
         """Return a state of zeros, or zeros (size,)."""
         return super().zeros(self.size if size is None else size)
 
-    def state_from(self, u: Array, v: Array, h: Array, **tracers: Array) -> wp.array:
+    def state_from(self, u: Array, v: Array, h: Array, /, **tracers: Array) -> wp.array:
         """Return a state from winds [m s-1], depth [m] and mixing ratios by name, each (N,).
 
         Tracers that are not passed get the initial values of the scene. Raises ValueError for
@@ -161,12 +163,14 @@ class Model(DiscreteScene):
     def initial_state(self) -> wp.array:
         """Return the scene's initial state.
 
-        Raises ConfigError if the depth is zero everywhere, or if the depth that carries waves (the
-        depth of the base in linearised dynamics) is not positive.
+        Raises ConfigError if the depth is zero everywhere, or if the depth under a wind that is not
+        prescribed (that of the base in linearised dynamics) is not positive.
         """
         scene, mesh = self.scene, self.mesh
         u, v, h = scene.initial(mesh.lon, mesh.lat)
-        if scene.effect("pressure-gradient") is not None:
+        if not h.any():
+            raise ConfigError(f"{scene.name}: the initial depth is zero everywhere: make it deeper")
+        if scene.wind is None:
             name, depth = "initial", h
             if scene.base is not None:
                 name, depth = "base", scene.base(mesh.lon, mesh.lat)[2]
@@ -178,8 +182,6 @@ class Model(DiscreteScene):
                     f" {lon:.4g}°, latitude {lat:.4g}°; make the fluid deeper or the bottom lower:"
                     " every depth must be positive"
                 )
-        if not h.any():
-            raise ConfigError(f"{scene.name}: the initial depth is zero everywhere: make it deeper")
         return self.state_from(u, v, h)
 
     def fields(self, state: wp.array, t: float = 0.0) -> dict[str, Array]:

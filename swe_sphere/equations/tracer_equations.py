@@ -16,7 +16,6 @@ from swe_sphere.kernels import Terms
 from swe_sphere.kernels.tracers import mass_flux, surface, surface_tangent
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.tracers import Limiter, MixingRatio, TracerTransport
-from swe_sphere.planet import DAY
 
 TRANSPORT = ("all", "conservative", "tangent")
 """Components of a right-hand side that contain transport; the others contain only dissipation."""
@@ -89,10 +88,6 @@ class TracerEquations:
             return None
         if not scene.initial(mesh.lon, mesh.lat)[2].min() > 0.0:
             raise ConfigError(f"{scene.name}: tracers.limiter needs a positive depth everywhere")
-        at, times = scene.forcing, (0.0, 0.4 * scene.days * DAY)
-        forced = at is not None and any(np.any(at(mesh.lon, mesh.lat, t)[2]) for t in times)
-        if forced or scene.changes_depth:
-            raise ConfigError(f"{scene.name} has sources of depth: leave tracers.limiter out")
         ratios = np.stack([*mixing_ratios(scene, mesh).values()])
         bounds = ratios.min(axis=1), ratios.max(axis=1)
         return Limiter(self._model.device_mesh, self.depth, self.first, *bounds)

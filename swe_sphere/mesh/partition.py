@@ -181,6 +181,7 @@ class Partition:
         return np.lexsort((distance, -sizes, self._late, self._rank_of_chunk))
 
     def part(self, rank: int) -> MeshPart:
+        """Return the elements and nodes of a rank."""
         elements = self._order[self._rank[self._order] == rank]
         nodes, inverse = np.unique(self._mesh.nodes[elements], return_inverse=True)
         chunk = self._owner[nodes]

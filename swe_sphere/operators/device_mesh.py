@@ -104,6 +104,7 @@ class DeviceMesh(NotCopyable):
 
     @functools.cached_property
     def chunks(self) -> Chunks:
+        """The parts of sums over nodes, which do not depend on the number of ranks."""
         return Chunks(self.part, self.launch)
 
     @functools.cached_property

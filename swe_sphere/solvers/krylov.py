@@ -69,6 +69,7 @@ class SolveResult(ABC):
 
     @property
     def converged(self) -> bool:
+        """True if the residual met the target, or is round-off."""
         return self.status is Status.CONVERGED
 
     @property

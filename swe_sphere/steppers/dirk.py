@@ -41,6 +41,8 @@ class DiagonallyImplicit(ImplicitStepper):
     @classmethod
     def complete(cls) -> None:
         matrix = checked_tableau(cls, "a")
+        if matrix.diagonal().min() < 0.0:
+            raise ConfigError(f"stepper {cls.name}: the diagonal of `a` must not be negative")
         check_order(cls, matrix)
         if cls.embedded is not None:
             power = cls.estimate_order or 0

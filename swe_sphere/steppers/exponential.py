@@ -218,7 +218,7 @@ class ExponentialMultistep(VariableStepper):
     def __init__(self, model: Model, dt: float, tolerance: float | None = None) -> None:
         solver = StageSolver(model.unpenalised(), self.solver_tolerance(tolerance))
         super().__init__(model, dt, solver)
-        model, space, past = self.model, self.space, len(self.weights[0]) if self.weights else 0
+        model, space, past = self.model, self.space, max(map(len, self.weights), default=0)
         self.counters |= {"rejected_steps": 0, "krylov_steps": 0}
         self._krylov = KrylovExponential(space, max(3, 1 + len(self.weights)))
         self._jacobian = model.jacobian()

@@ -108,7 +108,7 @@ class SemiImplicit(ImexStepper, Leapfrog):
     """
 
     name = "semi-implicit"
-    default_tolerance = 1e-2
+    default_tolerance = 3e-2
     error_constant = 1.0 / 6.0  # leapfrog's, dt^3/3 of the third derivative, of a change of 2 dt
 
     def __init__(

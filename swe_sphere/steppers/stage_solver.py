@@ -22,7 +22,7 @@ TRACER_SHARE = 0.1
 """Approximate Froude number of atmospheric flow, by which the change of a tracer that the wind
 carries has the same weight as the change of the wind."""
 NOTHING = 1e-60
-"""Weight that counts as none, because weights must be positive."""
+"""Weight, or mixing ratio, that counts as none, because weights must be positive and finite."""
 RESIDUAL_FLOOR = 0.1
 """A residual below this many round-offs of the state is reduced by one iteration only, as rounding
 causes as much.  With a larger number such residuals accumulate in float32 with short steps."""
@@ -37,7 +37,7 @@ def energy_weights(model: Model) -> Array:
     """
     share: Array = model.mesh.area / model.mesh.area.sum()
     ratios = mixing_ratios(model.scene, model.mesh).values()
-    largest = [float(np.abs(q).max()) or 1.0 for q in ratios]
+    largest = [max(float(np.abs(q).max()), NOTHING) if q.any() else 1.0 for q in ratios]
     if model.scene.wind is not None:
         return np.concatenate([share, *(share / q**2 for q in largest)])
     _, _, depth = model.scene.initial(model.mesh.lon, model.mesh.lat)
