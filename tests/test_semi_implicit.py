@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import warp as wp
-from support import IMEX, advance, make_scene, random_state, relative
+from support import IMEX, advance, make_scene, random_state, relative, thorough
 
 from swe_sphere import Simulation
 from swe_sphere.equations.effects import Viscosity
@@ -370,6 +370,23 @@ def test_automatic_steps_are_not_wasteful(mountain, name: str, times: float) -> 
     dt = times * STEPPERS[name].safety * STEPPERS[name].stable_dt(SpectralRadii(rest.wave))
     with pytest.raises(RunFailed, match="smaller --dt"), np.errstate(all="ignore"):
         advance(name, model, state, dt, 6 * 86400.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "days"),
+    [("semi-implicit", 30.0), thorough("forward-backward", 60.0), thorough("ars343", 30.0)],
+)
+def test_automatic_steps_are_shorter_in_long_runs(name: str, days: float) -> None:
+    """As the wind over the mountain doubles after three weeks: longer steps become unstable."""
+    given = {"ne": 6, "np": 6, "stepper": name, "effects": {"edge-penalty": {"c": "default"}}}
+    steps = []
+    for length in (20.0, 40.0):
+        simulation = Simulation("williamson5", **given, days=length)
+        simulation.begin()
+        steps.append(simulation.plan.dt)
+    assert steps[1] < 1.05 * STEPPERS[name].long_run_factor * steps[0]
+    summary = Simulation("williamson5", **given).run(days=days, progress=False)
+    assert summary["completed"], summary["reason"]
 
 
 def test_limit_is_that_of_the_wind_to_come(mountain) -> None:

@@ -107,8 +107,7 @@ def _run(context: typer.Context, folder: str, cases: Sequence["Case"], describe:
                 text = json.dumps(result, indent=1, ensure_ascii=False)
                 write_whole(file.with_suffix(".json"), text + "\n")
     except Interrupted as error:
-        hint = "" if store is None else "; resume with --resume"
-        raise Interrupted(f"{error}{hint}") from None
+        raise Interrupted(f"{error}{'; resume with --resume' if file else ''}") from None
     counts = count_outcomes(rows)
     summary = ", ".join(f"{count} {name}" for name, count in counts.items())
     typer.echo(json.dumps(result) if as_json else summary)

@@ -36,6 +36,8 @@ WORTH_A_CHANGE = 1.25
 """A step that fits is replaced by an automatic one that is longer by more than this factor."""
 WIND_SAMPLES = 40
 """Number of times of a run among which the one of the strongest prescribed wind is found."""
+LONG_RUN = 20.0
+"""Length of a run [days] from which on winds may double (docs/results/steps.md)."""
 HOUR_ROUNDING = 5e-5
 """Largest difference [h] between a time between frames and the fraction that it stands for."""
 
@@ -318,6 +320,7 @@ def automatic_step(sim: Any, days: float) -> tuple[float, str]:
     exceeds. Raises ConfigError if the stability limit is not a positive number.
     """
     kind, limit = sim.stepper_class, sim.stable_dt()
+    safety = kind.safety * (kind.long_run_factor if sim.days > LONG_RUN else 1.0)
     state = sim.model.initial_state()
     winds = [sim.model.fields(state, t) for t in sim.limiting_times()]
     if not limit > 0.0:
@@ -328,9 +331,9 @@ def automatic_step(sim: Any, days: float) -> tuple[float, str]:
     if wind > 0.0:
         accurate = min(accurate, kind.courant * sim.mesh.spacing()[0] / wind)
     # the stability limit of a fluid at rest does not bound the waves once there is a wind
-    misleading = kind.family == "imex" and wind == 0.0 and kind.safety * limit > accurate
+    misleading = kind.family == "imex" and wind == 0.0 and safety * limit > accurate
     if limit < UNLIMITED and not misleading:
-        return min(kind.safety * limit, days * DAY), f"{kind.safety:g} of the stability limit"
+        return min(safety * limit, days * DAY), f"{safety:.3g} of the stability limit"
     rule = f"advective Courant number {kind.courant:g}, at most {kind.longest:g} s"
     return min(accurate, days * DAY), rule
 

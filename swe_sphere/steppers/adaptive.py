@@ -103,8 +103,7 @@ class AdaptiveSteps(Trajectory):
             while done < self.dt:
                 left = self.dt - done
                 # the next step fits the remaining time without a very short last step
-                fits = self.next_dt < left * (1.0 - 1e-9)
-                dt = min(self.next_dt, 0.5 * left) if fits else left
+                dt = min(self.next_dt, 0.5 * left) if self.next_dt < left * (1.0 - 1e-9) else left
                 if self._try(self.time + done, dt):
                     # the last one ends the outer step whatever the round-off of the sum
                     done = self.dt if dt >= left else done + dt

@@ -28,8 +28,7 @@ class ImexStepper(Stepper):
     `tolerance`: see `StageSolver`; `solver`: that of another stepper, with its tolerance, to share.
     """
 
-    family = "imex"
-    reach = 8.0
+    family, reach, long_run_factor = "imex", 8.0, 0.6
     least_ratio: ClassVar[float] = 8.0
     """Least ratio of implicit to explicit wave frequencies in the analysis of stability."""
     wind_factor: ClassVar[float] = 1.0

@@ -197,6 +197,8 @@ class Stepper(Trajectory, ABC):
     """Most steps launched as a whole on large meshes: about eight evaluations (`strips.py`)."""
     safety: ClassVar[float] = 0.85
     """Fraction of the stability limit that an automatic step uses: winds grow during a run."""
+    long_run_factor: ClassVar[float] = 1.0
+    """Factor of `safety` in runs of more than `planning.LONG_RUN`, in which winds grow more."""
     courant: ClassVar[float] = 2.0
     """Advective Courant number of an automatic step without a stability limit."""
     longest: ClassVar[float] = 3600.0
@@ -223,7 +225,7 @@ class Stepper(Trajectory, ABC):
                 cls.complete()
             except (AttributeError, TypeError, ValueError) as error:
                 raise ConfigError(f"stepper {cls.name}: invalid coefficients: {error}") from None
-            for name in ("safety", "courant", "longest", "reach"):
+            for name in ("safety", "long_run_factor", "courant", "longest", "reach"):
                 if not 0.0 < as_float(x := getattr(cls, name)) < math.inf:
                     raise ConfigError(f"stepper {cls.name}: {name} must be above 0, got {x!r}")
             for name, x in [*inspect.signature(cls).parameters.items()][2:]:
