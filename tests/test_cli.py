@@ -494,3 +494,11 @@ def test_a_run_that_fails_before_its_first_frame_claims_to_keep_nothing(swe):
     status, _, err = swe(*words.split())
     assert status == 1 and "the diagnostic bad fails: ZeroDivisionError" in err
     assert "keeps" not in err and not Path("a.nc").exists()
+
+
+def test_ctrl_c_ends_each_command_with_a_line(swe, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("swe_sphere.steppers.list_steppers", interrupted)
+    assert swe("list") == (130, "", "swe-sphere: interrupted by Ctrl-C\n")

@@ -223,6 +223,20 @@ def test_a_frame_without_spread_is_left_out_of_the_picture(tmp_path, capsys):
     assert (tmp_path / "a" / "spread_h.png").stat().st_size > 5_000
 
 
+def test_the_table_has_the_units_of_a_custom_field(tmp_path):
+    own = tmp_path / "own.py"
+    own.write_text(
+        "from swe_sphere.simulation.diagnostics import diagnostic\n"
+        "@diagnostic(units='m2')\n"
+        "def squared(sim):\n"
+        "    return sim.snapshot.fields['h'] ** 2\n"
+    )
+    line = ["ensemble", "galewsky", "--ne", "2", "--np", "4", "--days", "0.05", "--seeds", "1,2"]
+    with pytest.raises(SystemExit, match="0"):
+        main([*line, "--diagnostics", str(own), "--field", "squared", "--out", str(tmp_path / "a")])
+    assert (tmp_path / "a" / "spread_squared.csv").read_text().startswith("day,spread [m²],")
+
+
 def test_a_spread_of_zero_is_drawn_and_the_table_is_written_before_the_picture(
     tmp_path, monkeypatch
 ):

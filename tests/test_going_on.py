@@ -420,6 +420,34 @@ def test_a_checkpoint_resumes_the_outputs_of_its_run(tmp_path):
     assert (open_run(wind).time.values / 3600.0).tolist() == [0.0, 3.0, 6.0, 9.0, 12.0]
 
 
+def test_a_run_in_a_new_file_leaves_the_frames_of_the_earlier_one(tmp_path):
+    """Further files are inherited: --overwrite is not for them, and a branch needs its own."""
+    wind, first = tmp_path / "wind.nc", tmp_path / "first.nc"
+    one = small(outputs=[Output(wind, every=3.0, fields="u,v")])
+    one.run(days=0.25, out=first)
+    early = one.checkpoint(tmp_path / "early.restart")
+    Simulation.from_checkpoint(first).run(days=0.5, out=tmp_path / "next.nc", overwrite=True)
+    whole = [0.0, 3.0, 6.0, 9.0, 12.0]
+    assert (open_run(wind).time.values / 3600.0).tolist() == whole
+    with pytest.raises(ConfigError, match=r"wind\.nc has later frames of the resumed run"):
+        Simulation.from_checkpoint(early).run(days=0.375, out=tmp_path / "branch.nc")
+    assert (open_run(wind).time.values / 3600.0).tolist() == whole
+
+
+def test_a_run_that_was_killed_after_its_last_frame_can_be_completed(tmp_path, monkeypatch):
+    out = tmp_path / "run.nc"
+    with monkeypatch.context() as patched:
+        patched.setattr("swe_sphere.io.netcdf.FrameWriter.finish", lambda self, known: None)
+        small().run(days=0.25, out=out)
+    before = open_run(out)
+    assert not before.attrs.get("completed")
+    assert Simulation.from_checkpoint(out).run(days=0.25, out=out).completed
+    after = open_run(out)
+    assert after.attrs["completed"] and after.h.identical(before.h)
+    with pytest.raises(ConfigError, match=r"already at day 0\.25"):
+        Simulation.from_checkpoint(out).run(days=0.25, out=out)
+
+
 def test_an_interrupted_run_has_each_sample_once(tmp_path):
     def stop(sim):
         if sim.steps == 5:

@@ -669,6 +669,24 @@ def test_a_rank_that_was_killed_is_named(mpi, tmp_path):
     assert told.splitlines()[-1] == last and job.returncode
 
 
+def test_a_killed_rank_is_named_after_other_lines_too(mpi, tmp_path, monkeypatch, capfd):
+    """Lines of progress do not state why the job ends."""
+    (tmp_path / "mpiexec").write_text(
+        "#!/bin/sh\n"
+        "echo 'swe-sphere rank: 1 77' >&2; echo 'swe-sphere: day 1 of 9 after 30 s' >&2\n"
+        "echo '=   PID 77 RUNNING AT here'\n"
+        "echo 'YOUR APPLICATION TERMINATED WITH THE EXIT STRING: Killed (signal 9)'\n"
+        "exit 9\n"
+    )
+    (tmp_path / "mpiexec").chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+    monkeypatch.setattr(signal, "signal", lambda *_: None)  # this process goes on
+    assert start_ranks(2, 4, []) == 9
+    out, told = capfd.readouterr()
+    last = "swe-sphere: rank 1 of 2 was killed; all frames written so far can be read"
+    assert not out and told.splitlines()[-1] == last
+
+
 def test_ranks_without_a_library_of_mpi_end_in_one_line(mpi, monkeypatch):
     monkeypatch.setenv("MPI4PY_LIBMPI", "/nowhere/libmpi.so")
     command = [sys.executable, "-m", "swe_sphere", "run", "williamson2", "--ne=2", "--ranks=2"]

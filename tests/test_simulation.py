@@ -55,8 +55,10 @@ def test_steps_are_equal_and_frames_and_end_fall_on_them(days, every, dt):
 
 def stand_in(limit, family="explicit", u=(0.0,), v=(0.0,), **kind):
     """What an automatic step is chosen by: a stepper, its limit [s], winds [m s-1], 1 km."""
-    kind = {"name": "a", "family": family, "safety": 0.9, "courant": 2.0, "longest": 3000.0, **kind}
+    given = {"name": "a", "family": family, "safety": 0.9, "courant": 2.0, "longest": 3000.0}
+    kind = {**given, "long_run_factor": 1.0, **kind}
     return SimpleNamespace(
+        days=1.0,
         stepper_class=SimpleNamespace(**kind),
         stable_dt=lambda: limit,
         limiting_times=lambda: [0.0],

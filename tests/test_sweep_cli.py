@@ -130,6 +130,22 @@ def test_failed_runs_are_told_below_the_table(swe):
     assert "is NaN in u, v, h at day" in out or "the depth is not positive" in out
 
 
+def test_failed_runs_are_told_without_a_table_too(swe):
+    unstable = ("--steppers", "rk4", "--dt", "21600", "--days", "10", "--quiet")
+    status, out, err = swe("williamson2", *TINY, *unstable)
+    assert (status, out) == (1, "")
+    assert err == "swe-sphere: no run of the sweep was completed: see d/index.html\n"
+
+
+def test_options_without_effect_are_refused(swe):
+    for name, value in (("tolerance", "1e-3"), ("preconditioner", "helmholtz")):
+        given = (f"--{name}", value, *TINY)
+        status, _, err = swe("williamson2", "--steppers", "rk4", *given)
+        assert status == 2 and f"{name}: none of the steppers has this option" in err
+    status, _, err = swe("--report-only", "--days", 3, "--out", "d")
+    assert status == 2 and "report-only: days has no effect" in err
+
+
 def test_a_table_that_is_not_printed_is_not_explained(swe):
     status, out, err = swe("lake-at-rest", "--steppers", "rk4", "--dt", 3600, *TINY)
     assert (status, err) == (0, "")

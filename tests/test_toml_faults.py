@@ -143,3 +143,18 @@ def test_the_sweeps_of_a_recipe_stay_in_its_folder(tmp_path, name) -> None:
     assert "name: must be the name of a folder" in complaint(
         tmp_path, read_sweep, f'{HEADS[read_sweep]}name = "{name}"\n'
     )
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("time-limit = 5\ntime_limit = 100\n", "time_limit is given twice"),
+        ('set = ["viscosity.nu=1e5"]\n[settings.viscosity]\nnu = 1e4\n', "is given twice"),
+        ("[set.viscosty]\n", r"set\.viscosty is empty"),
+    ],
+)
+def test_nothing_in_a_file_is_lost(tmp_path, text, said):
+    file = tmp_path / "run.toml"
+    file.write_text('scene = "williamson2"\n' + text)
+    with pytest.raises(ConfigError, match=said):
+        read_run(file)

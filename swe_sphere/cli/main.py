@@ -15,7 +15,7 @@ from typer import TyperException
 from swe_sphere import __version__
 from swe_sphere.cli.show import DEBUG, explain, open_streams
 from swe_sphere.compiling import COMPILING, on_compile
-from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.errors import ConfigError, Interrupted, RunFailed
 from swe_sphere.logs import LOGGER, print_lines
 from swe_sphere.ranks.communicator import RANK_VARIABLES, refuse_ranks, world
 from swe_sphere.ranks.limits import command_began, process_age
@@ -81,7 +81,10 @@ def _status(arguments: Sequence[str]) -> int:
     """Run the command line and return the exit status; print why it fails."""
     try:
         app = program([name for name in arguments[:1] if name in COMMANDS] or COMMANDS)
-        return app(arguments, prog_name="swe-sphere", standalone_mode=False, obj=arguments) or 0
+        status = app(arguments, prog_name="swe-sphere", standalone_mode=False, obj=arguments) or 0
+        if status == Interrupted.exit_status and arguments[0] != "run":  # typer caught Ctrl-C
+            raise Interrupted("interrupted by Ctrl-C")
+        return status
     except Exception as error:
         if os.environ.get(DEBUG):
             traceback.print_exc()

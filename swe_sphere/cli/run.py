@@ -125,7 +125,8 @@ def _show_summary(summary: Summary, config: RunConfig) -> None:
         from rich.table import Table
 
         outputs = ", ".join(os.path.relpath(path) for path in summary.get("outputs") or ()) or None
-        files = {"frames": config.out, "further files": outputs, "picture": config.plot}
+        frames = config.out if config.out and config.out.exists() else None
+        files = {"frames": frames, "further files": outputs, "picture": config.plot}
         table = Table(show_header=False, title=summary.title)
         for line in (*summary.rows(), *files.items()):
             if line[1] is not None:
@@ -165,7 +166,8 @@ def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
         explained, processes = _pass_on(job.stderr)
         results.join()
     sys.stdout.writelines(x for x in printed if x.strip() and not x.startswith(NOISE))
-    if job.returncode and not explained:
+    was_killed = any("EXIT STRING" in line for line in printed)  # mpiexec names the signal
+    if job.returncode and (was_killed or not explained):
         dead = re.findall(r"PID (\d+) RUNNING AT", "".join(printed))
         known = [f"rank {processes[pid]} of {ranks}" for pid in dead if pid in processes]
         rank = known[0] if len(known) == 1 else "a rank"

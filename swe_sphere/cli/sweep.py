@@ -13,7 +13,7 @@ from swe_sphere.cli.options import flag, given, option, with_flags
 from swe_sphere.cli.show import print_table
 from swe_sphere.compiling import COMPILING, on_compile
 from swe_sphere.errors import ConfigError, Interrupted, RunFailed
-from swe_sphere.settings.values import validate
+from swe_sphere.settings.values import flag_of, validate
 from swe_sphere.simulation.config import RunConfig, SharedConfig
 from swe_sphere.studies.advise import Question
 from swe_sphere.studies.advise import advise as advice_on
@@ -46,8 +46,10 @@ def sweep(
         raise ConfigError("out: give the folder of the sweep (--out DIR)")
     loaded = None if recipe is None else load_recipe(recipe)
     plans: list[tuple[Path, SweepPlan]] = []
+    flags = given(values, SweepPlan)
+    if report_only and flags:
+        raise ConfigError(f"report-only: {flag_of(next(iter(flags)))} has no effect: leave it out")
     if not report_only:
-        flags = given(values, SweepPlan)
         found = loaded.plans(flags) if loaded else [make_plan(flags)]
         plans = [(out / folder_of(dict(plan)) if loaded else out, plan) for plan in found]
     for name in [REPORT, *([PAGE] if loaded else [])]:
@@ -70,6 +72,8 @@ def sweep(
     page = write_report(_by_name(datasets, out, loaded), out, recipe=loaded)
     if not quiet:
         typer.echo(page)
+    if quiet and not completed:
+        raise RunFailed(f"no run of the sweep was completed: see {page}")
     return 0 if completed else RunFailed.exit_status
 
 

@@ -15,7 +15,7 @@ from swe_sphere.files.user_file import call_custom
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, find_device
 from swe_sphere.operators.device_mesh import REALS
-from swe_sphere.operators.penalty import EdgePenaltyOperator
+from swe_sphere.operators.tendency import EdgePenaltyOperator
 from swe_sphere.ranks.communicator import Communicator
 
 

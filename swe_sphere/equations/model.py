@@ -8,17 +8,10 @@ import numpy as np
 import warp as wp
 
 from swe_sphere.arrays import Array
+from swe_sphere.equations import right_hand_side as rhs
 from swe_sphere.equations.discrete_scene import DiscreteScene, place_mesh
 from swe_sphere.equations.effects import EFFECTS, Effect
 from swe_sphere.equations.jacobian import DifferenceJacobian, ExactJacobian, Jacobian
-from swe_sphere.equations.right_hand_side import (
-    COMPONENTS,
-    Operator,
-    RightHandSide,
-    element_terms,
-    fluid_operations,
-    pointwise_terms,
-)  # fmt: skip
 from swe_sphere.equations.scene import Scene
 from swe_sphere.equations.spectrum import SpectralRadii, spectral_radius
 from swe_sphere.equations.tracer_equations import MassFlux, TracerEquations, mixing_ratios
@@ -201,7 +194,7 @@ class Model(DiscreteScene):
     def right_hand_side(
         self, component: str = "all", *, stage: tuple[wp.array, float] | None = None,
         base: wp.array | None = None, fluid_only: bool = False, counted: bool = True,
-    ) -> RightHandSide:  # fmt: skip
+    ) -> rhs.RightHandSide:  # fmt: skip
         """Return a component of the right-hand side: a key of `COMPONENTS`, see `RightHandSide`.
 
         stage: (start, tau [s]) to compute start + tau rate; the state start may also be the result.
@@ -209,34 +202,34 @@ class Model(DiscreteScene):
         the rates of wind and depth, also for vectors without tracers. counted: count evaluations.
         """
         step = None if stage is None else self.device_mesh.stage_at(*stage)
-        operations = fluid_operations(self, component, base, step)
+        operations = rhs.fluid_operations(self, component, base, step)
         if self.carried is not None and not fluid_only:
             operations += self.carried.operations(component, base, step)
-        counter = COMPONENTS[component].counter
+        counter = rhs.COMPONENTS[component].counter
         fields = (self.wind,) if component == "tangent" else (self.wind, self.forcing)
-        return RightHandSide(
+        return rhs.RightHandSide(
             operations=tuple(operations), counters=self.counters, replay=Replay(self.launch),
             prescribed=tuple(each for each in fields if counter and not each.steady),
             counter=counter if counted else None,
         )  # fmt: skip
 
     @cached_property
-    def tendency(self) -> RightHandSide:
+    def tendency(self) -> rhs.RightHandSide:
         """The whole right-hand side: `tendency(state, t, out)`."""
         return self.right_hand_side()
 
     @cached_property
-    def conservative_tendency(self) -> RightHandSide:
+    def conservative_tendency(self) -> rhs.RightHandSide:
         """The right-hand side without dissipation: `conservative_tendency(state, t, out)`."""
         return self.right_hand_side("conservative")
 
     @cached_property
-    def dissipative_tendency(self) -> Operator:
+    def dissipative_tendency(self) -> rhs.Operator:
         """The dissipation alone, for schemes that step it separately: called as (state, out)."""
         return self.right_hand_side("dissipative").without_time
 
     @cached_property
-    def diffusion(self) -> Operator:
+    def diffusion(self) -> rhs.Operator:
         """Rates of viscosity and hyperviscosity, called as (state, out); the scene needs one."""
         return self.right_hand_side("diffusive").without_time
 
@@ -276,8 +269,8 @@ class Model(DiscreteScene):
         """Return a new Jacobian; call its `update` with a state and a time before the first use."""
         if not all(effect.differentiable for effect in self.scene.effects):
             return DifferenceJacobian(self, self.names, self.tendency)
-        terms = element_terms(self.scene, "tangent")
-        point = pointwise_terms(self.scene, "tangent", self.parameters)
+        terms = rhs.element_terms(self.scene, "tangent")
+        point = rhs.pointwise_terms(self.scene, "tangent", self.parameters)
         depends = "base" not in self.parameters and (terms.gradient or point.needs_base)
         base = self.zeros() if depends or self.tracers is not None else None
         return ExactJacobian(self.right_hand_side("tangent", base=base), base)

@@ -124,8 +124,7 @@ def claim(path: Path, folder: bool = False) -> tuple[int, Path]:
     """
     check_moved(path)
     if path.exists() and not (path.is_dir() if folder else path.is_file()):
-        what = "folder" if folder else "file"
-        raise ConfigError(f"cannot write {path}: it is not a {what}")
+        raise ConfigError(f"cannot write {path}: it is not a {'folder' if folder else 'file'}")
     file, part = _create(path, folder)
     wait = PATIENCE
     while True:  # if programs create files at the same time, the first in order of names stays

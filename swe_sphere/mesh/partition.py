@@ -66,8 +66,7 @@ class MeshPart:
     others; without MPI all nodes. 0 in parts that fit into the caches."""
     spans: Integers
     """(3, chunks, 2) begin and end of the nodes that each chunk owns inside elements, on edges
-    and at vertices; chunks in the order of the rings. Without MPI a span of all nodes, none if
-    `is_mesh`."""
+    and at vertices; chunks in the order of the rings. Without MPI all nodes, none if `is_mesh`."""
 
     is_mesh: bool = False
     """True if the part is the whole mesh in the order of the mesh."""

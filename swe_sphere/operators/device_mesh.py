@@ -271,8 +271,7 @@ class DeviceMesh(NotCopyable):
 
         The kernel stores its results in `field`, if other ranks read them. Several ranks launch the
         groups on the rim first, and exchange their results while the groups away from it are
-        computed. wait: False if a function of `over_nodes` reads the results; it waits for those of
-        other ranks.
+        computed. wait: False if a function of `over_nodes`, which waits itself, reads the results.
         """
         each, cuts = threads[1:] if isinstance(threads, tuple) else (), None
         away = self.groups if field is None else self.away

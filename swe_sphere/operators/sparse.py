@@ -40,8 +40,8 @@ class ElementSpace:
         columns = np.broadcast_to(self.numbers[:, None, :], shape)
         used = values != 0.0
         index = (np.broadcast_to(rows[..., None], shape)[used], columns[used])
-        sizes = rows.max() + 1, self.numbers.max() + 1
-        return scipy.sparse.coo_array((values[used], index), sizes)
+        shape = rows.max() + 1, self.numbers.max() + 1
+        return scipy.sparse.coo_array((values[used], index), shape)
 
 
 def gradient(mesh: Mesh) -> scipy.sparse.csr_array:
@@ -82,9 +82,8 @@ def stiffness(
 ) -> scipy.sparse.csr_array:
     """Return the integrals (N, N) of coefficient (N,) times grad phi . grad s of nodal functions.
 
-    With a `space`: the integrals (V, V) of its functions. They then count as bilinear between GLL
-    nodes, and the metric terms times the coefficient as well, so that functions on different cells
-    do not couple.
+    With a `space`: the integrals (V, V) of its functions. These and metric terms times coefficient
+    then count as bilinear between GLL nodes, so that functions on different cells do not couple.
     """
     along, at, weights = mesh.derivative, np.eye(mesh.np), mesh.gll_weights
     values, numbers = np.eye(mesh.np**2), mesh.nodes.reshape(mesh.elements, -1)

@@ -139,7 +139,7 @@ def animate_file(
         writer, film = _film_writer(out, rate), Film.of(source, field, look or Look(), rate)
         try:
             with building(out) as part:
-                film.save(part, writer, dpi=FILM_DOTS_PER_INCH)
+                film.save(part.absolute(), writer, dpi=FILM_DOTS_PER_INCH)
         except CalledProcessError as error:
             raise ConfigError(f"cannot write {out}: the encoder failed: {error.stderr}") from None
     return out

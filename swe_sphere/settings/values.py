@@ -63,6 +63,8 @@ def read_settings(given: object) -> tuple[Setting, ...]:
         if isinstance(given, Mapping):
             items = []
             for key, value in given.items():
+                if value == {} and key not in (SCENE, STEPPER):
+                    raise ConfigError(f"set.{key} is empty: give a parameter, or leave it out")
                 if isinstance(value, Mapping):
                     items += [(str(key), name, of) for name, of in value.items()]
                 else:
@@ -193,7 +195,12 @@ def flag_of(field: str) -> str:
 def by_field(table: Mapping[str, Any]) -> dict[str, Any]:
     """Return a table by the names of fields from one by the names of flags."""
     fields = {flag: field for field, flag in _FLAGS.items()}
-    return {fields.get(key, key.replace("-", "_")): value for key, value in table.items()}
+    found = dict[str, Any]()
+    for key, value in table.items():
+        if (field := fields.get(key, key.replace("-", "_"))) in found:
+            raise ConfigError(f"{key} is given twice, under two names: leave one out")
+        found[field] = value
+    return found
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -292,8 +292,7 @@ class Initial:
     """
 
     origin, identity, history = "a function", "a function", ""
-    """Origin of the state, a name that equal states and all functions share, and the history of its
-    file."""
+    """Origin, a name that equal states and all functions share, and the history of the file."""
     time_offset = 0.0
     """Time of the scene at the beginning of the run [s]."""
 

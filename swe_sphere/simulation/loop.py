@@ -182,5 +182,5 @@ class Loop:
             day = self.plan.time(steps) / DAY
             raise TimedOut(
                 f"the time limit of {self.time_limit:g} s was reached at day {day:.4g}"
-                f" (step {steps} of {self.plan.steps}): resume, raise the limit or take a larger dt"
+                f" (step {steps} of {self.plan.steps}): raise the limit or take a larger dt"
             )

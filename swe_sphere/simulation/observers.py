@@ -28,7 +28,7 @@ from swe_sphere.planet import DAY, HOUR
 from swe_sphere.simulation.config import Output
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Snapshot, call_in_run
 from swe_sphere.simulation.planning import RunPlan, meant_hours
-from swe_sphere.simulation.restart import appends
+from swe_sphere.simulation.restart import appends, holds_run
 
 Function = Callable[..., Any]
 
@@ -220,6 +220,7 @@ class Recorder(Observer):
     def _open(self) -> str:
         """Create the file and return the identifier of its run, which a resumed run keeps."""
         from swe_sphere.io.netcdf import FrameWriter  # scipy.io is slow to import
+        from swe_sphere.io.runfile import TIME_TOLERANCE, RunFile
 
         sim, plan, output, config = self.sim, self.plan, self._output, self.sim.config
         transform, ahead = None, plan.steps - sim.steps
@@ -228,7 +229,13 @@ class Recorder(Observer):
             path, only, continues = config.out, config.fields, appends(config)
         else:
             path, only = output.path, output.fields
-            continues = path.exists() and not config.overwrite
+            ours = sim.steps > 0 and holds_run(path, sim.run_id)
+            continues = path.exists() and (ours or not config.overwrite)
+            branches = ours and config.restart is not None and not appends(config)
+            if branches and RunFile(path).times.max() > sim.time + TIME_TOLERANCE:
+                raise ConfigError(
+                    f"output: {path} has later frames of the resumed run: give other outputs"
+                )
             if output.grid is not None:
                 from swe_sphere.analysis.regrid import on_grid, parse_grid
 

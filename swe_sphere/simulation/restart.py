@@ -53,6 +53,14 @@ def appends(config: RunConfig) -> bool:
     return any(_is_same_file(path, config.restart) for path in (out, checkpoint_path(out)))
 
 
+def lacks_end(config: RunConfig) -> bool:
+    """Return whether the file that a run appends to does not state that its run was completed."""
+    from swe_sphere.io.runfile import RunFile
+
+    out = config.out
+    return out is not None and appends(config) and not RunFile(out).attributes.get("completed")
+
+
 def _is_same_file(path: Path, other: Path | None) -> bool:
     return other is not None and other.exists() and path.exists() and path.samefile(other)
 
@@ -110,6 +118,15 @@ def check_paths(config: RunConfig, read: Iterable[Path] = ()) -> None:
             f"out: {checkpoint} exists already, without its frames: choose another name, or"
             " replace it with --overwrite"
         )
+
+
+def holds_run(path: Path, run_id: str | None) -> bool:
+    """Return whether a file has frames of the run with that identifier."""
+    from swe_sphere.io.runfile import RunFile
+
+    with suppress(ConfigError):
+        return run_id is not None and RunFile(path).attributes.get("run_id") == run_id
+    return False
 
 
 def _contents(out: Path) -> str:
@@ -193,15 +210,10 @@ class Restart:
 
     def _beside(self, path: Path) -> Path:
         """Return the path of a further file: that beside the run's file if both were moved."""
-        from swe_sphere.io.runfile import RunFile
-
         run, ours = self.attributes.get("run_id"), self.path.name.removesuffix(".restart")
         beside = self.path.absolute().with_name(path.name)
         moved = path.name != ours and (path.with_name(ours).exists() or not path.exists())
-        with suppress(ConfigError):
-            if moved and RunFile(beside).attributes.get("run_id", "") == run:
-                return beside
-        return path
+        return beside if moved and holds_run(beside, run) else path
 
     def check(self, identity: dict[str, object]) -> None:
         """Raise ConfigError with the first difference between a run and the earlier one."""

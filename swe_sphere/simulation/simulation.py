@@ -35,22 +35,13 @@ from swe_sphere.planet import DAY, HOUR
 from swe_sphere.ranks.communicator import world
 from swe_sphere.ranks.limits import command_began
 from swe_sphere.simulation import build, diagnostics, planning, restart
+from swe_sphere.simulation import observers as watchers
 from swe_sphere.simulation.config import Keywords, Output, RunConfig, make_config
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Diagnostic, Numbers, Snapshot
 from swe_sphere.simulation.loop import Interruption, Loop
-from swe_sphere.simulation.observers import (
-    Callback,
-    HealthCheck,
-    Keeper,
-    Observer,
-    ProgressBar,
-    Recorder,
-    check_finite,
-    live_view,
-    notify,
-)
+from swe_sphere.simulation.observers import Callback, Observer
 from swe_sphere.simulation.planning import RunPlan
-from swe_sphere.simulation.restart import OF_ONE_RUN, Restart
+from swe_sphere.simulation.restart import OF_ONE_RUN, Restart, lacks_end
 from swe_sphere.simulation.summary import BREAKDOWNS, Summary, html_table, summary_of
 
 if TYPE_CHECKING:
@@ -201,7 +192,7 @@ class Simulation(errors.NotCopyable):
         """Wall time, and CPU time of all threads, of steps without compiling and observing [s]."""
         self._plan: RunPlan | None = None
         self._stepper: Trajectory | None = None
-        self._keeper: Keeper | None = None
+        self._keeper: watchers.Keeper | None = None
         self.known_state: Array | None = None
         """The state (n,) at the end of the last run, or before a callback."""
         self._snapshot: Snapshot | None = None
@@ -288,6 +279,8 @@ class Simulation(errors.NotCopyable):
         times do not fit together, or an option of the stepper has the name of a diagnostic.
         """
         diagnostics.check_options(self.stepper_class.name, self.options)
+        if plan is None and abs(self.days * DAY - self.time) <= 1e-6 and lacks_end(self.config):
+            plan = replace(self.equal_steps, steps=self.steps)
         self._plan = planning.with_cycle(self, plan) if plan else planning.plan_run(self, also)
         if self._stepper is None or not self.steps:
             self._start_stepper()
@@ -408,7 +401,7 @@ class Simulation(errors.NotCopyable):
             self.stepper.take(most)
         except (SolverFailed, *BREAKDOWNS) as error:
             if isinstance(error, SolverFailed) or self.comm.size == 1:  # all ranks are here
-                check_finite(self)
+                watchers.check_finite(self)
             raise
 
     def _begin_once(self) -> None:
@@ -433,7 +426,7 @@ class Simulation(errors.NotCopyable):
                 self.accept_since()
                 self.known_state, before = None, self.stepper.state.numpy().copy()
                 for observer in observers:
-                    notify(observer, "begin", self.plan, self.snapshot)
+                    watchers.notify(observer, "begin", self.plan, self.snapshot)
                     stack.callback(self._end, observer)
                 self.accept_changes(before)
                 _ = self.snapshot.user_values  # custom diagnostics fail here, if at all
@@ -452,7 +445,7 @@ class Simulation(errors.NotCopyable):
 
     def _end(self, observer: Observer) -> None:
         try:
-            notify(observer, "end")
+            watchers.notify(observer, "end")
         except (SweError, *BREAKDOWNS) as error:
             if (ended := self.outcome).completed:
                 self._ended_by(error)
@@ -523,13 +516,13 @@ class Simulation(errors.NotCopyable):
             for call in calls:
                 call.check(self.plan)
             if self.comm.rank == 0 and (is_watched() if progress is None else progress):
-                observers.append(ProgressBar())
+                observers.append(watchers.ProgressBar())
             self.warn = warn or self._warn
             self._warn_of_run()
             steps = self.plan.steps - self.steps
             LOGGER.debug("%r begins: %d steps of %.6g s", self, steps, self.plan.dt)
             self.release()  # the state may have been changed since
-            self._keeper = Keeper() if keep else None
+            self._keeper = watchers.Keeper() if keep else None
             if self._keeper is not None:
                 observers.append(self._keeper)
             try:
@@ -545,15 +538,16 @@ class Simulation(errors.NotCopyable):
                 signal.raise_signal(self.signal_number)
         return self.summary
 
-    def _open_files(self) -> list[Recorder]:
+    def _open_files(self) -> list[watchers.Recorder]:
         """Open the files of the run and write their first frames; close all if one of them fails.
 
         Raises the errors of `Recorder`, and Unstable for a state that must not be written.
         """
-        config, out, files = self.config, self.config.out, list[Recorder]()
+        config, out, files = self.config, self.config.out, list[watchers.Recorder]()
         wanted: list[Output | None] = [*([None] if out else []), *config.outputs]
         if self.steps and wanted:
-            HealthCheck(self).observe(self.snapshot)  # no spoilt state replaces the last good one
+            # no spoilt state replaces the last good one
+            watchers.HealthCheck(self).observe(self.snapshot)
         if out and config.overwrite and self.steps and self._continues == out.resolve():
             self.warn(
                 f"out: {out} is replaced and begins at day {self.time / DAY:.4g}: leave overwrite"
@@ -561,7 +555,7 @@ class Simulation(errors.NotCopyable):
             )
         with ExitStack() as opened:
             for output in wanted:
-                files.append(Recorder(self, output))
+                files.append(watchers.Recorder(self, output))
                 opened.callback(files[-1].close)
             for file in files:
                 file.write_first()
@@ -772,7 +766,7 @@ class Simulation(errors.NotCopyable):
 
         self._begin_once()
         self.accept_since()
-        HealthCheck(self).observe(self.snapshot)
+        watchers.HealthCheck(self).observe(self.snapshot)
         path = Path(path)
         attributes = self.attributes() | ({"run_id": self.run_id} if self.run_id else {})
         checkpoint = Checkpoint(dict(self.restart_arrays()), self.steps, plain(attributes))
@@ -853,7 +847,7 @@ def run_scene(
         raise ConfigError("fields: the run writes no file: give out, the name of one")
     sim = Simulation(config.scene, config=config)
     world().on_root(lambda: restart.check_paths(config, sim.sources))
-    live = [] if config.live is None else [live_view(config.live, sim.comm)]
+    live = [] if config.live is None else [watchers.live_view(config.live, sim.comm)]
     with ExitStack() as stack:
         out = config.out
         if out is None and config.plot is not None:

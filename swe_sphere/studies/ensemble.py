@@ -112,6 +112,7 @@ def spread(files: Sequence[Path], field: str = "vorticity") -> pd.DataFrame:
     if not any(each.any() for each in found):
         raise ConfigError(f"field {field}: it is the same in all members")
     table = pd.DataFrame({"day": times / DAY})
+    table.attrs = dict(runs[0].about.get(field, {}))
     table["spread"] = np.sqrt([area_mean(mesh.area, each) for each in found])
     positive = table["spread"].where(table["spread"] > 0.0)
     table["growth"] = np.log(positive).diff() / table["day"].diff()
@@ -125,7 +126,7 @@ def spread_files(field: str, folder: Path) -> list[Path]:
 
 def write_spread(table: pd.DataFrame, field: str, folder: Path) -> list[Path]:
     """Write the spread of a field as spread_FIELD.csv and as a picture beside it; return both."""
-    paths, kind, picture = spread_files(field, folder), describe(field), io.BytesIO()
+    paths, kind, picture = spread_files(field, folder), describe(field, table.attrs), io.BytesIO()
     heads = ["day", f"spread [{kind.plain_units}]", "growth [day-1]"]
     write_whole(paths[0], table.to_csv(index=False, header=heads, na_rep="nan"))
     figure = new_figure()

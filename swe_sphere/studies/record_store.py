@@ -137,8 +137,7 @@ def locked(folder: Path) -> Iterator[None]:
     """Create a folder and lock it within the block; the system releases it when the process ends.
 
     Reading stays possible. On a file system without locks the function only creates the folder.
-    Raises ConfigError if another process holds the folder, or it cannot be created; RunFailed if
-    the disk fails.
+    Raises ConfigError if another process holds it or it cannot be made, RunFailed for a full disk.
     """
     with translate_errors(f"out: {folder} cannot be created"):
         folder.mkdir(parents=True, exist_ok=True)

@@ -252,8 +252,7 @@ SMALL = 1e-6
 STEPS = 5
 """Number of Chebyshev steps; with four, fine meshes need more iterations."""
 SPACING, SPACING_OF_MODES = 5, 12
-"""Numbers of cells of smooth functions, and of elements with modes, along an element of the mesh of
-long waves."""
+"""Cells of smooth functions, and elements with modes, along an element of the long waves' mesh."""
 FINEST = 20
 """Largest ne of the mesh of long waves, whose full matrices have size 6 ne^2 + 2."""
 

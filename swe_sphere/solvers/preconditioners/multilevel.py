@@ -14,8 +14,7 @@ from swe_sphere.solvers.preconditioners.coarse import CoarseCorrection
 DEGREES = {3: 3, 4: 2}
 """Number of Chebyshev steps after the last correction by np, else 4.  At np 3 smooth functions and
 computational modes both contain the wave with nodal values 1, 0, -1, 0: their corrections, added
-up, overshoot it, and two steps do not reduce it, so that the cycle is singular from some mesh size
-on."""
+up, overshoot it, and two steps do not reduce it: the cycle would be singular on large meshes."""
 FIRST_STEPS = 2
 """Number of Chebyshev steps before the first correction for conjugate gradients."""
 LONG = 10.0

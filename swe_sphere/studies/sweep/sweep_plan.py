@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from inspect import signature
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -11,18 +12,8 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from swe_sphere.equations.scene import LARGEST_COUNT, Scene
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.user_file import is_custom, is_user_file
+from swe_sphere.settings import values as reading
 from swe_sphere.settings.registry import file_or_name
-from swe_sphere.settings.values import (
-    Settings,
-    by_field,
-    flag_of,
-    merged,
-    names_in,
-    override,
-    read_settings,
-    read_toml,
-    validate,
-)
 from swe_sphere.simulation import config
 from swe_sphere.simulation.build import check_mesh, make_scene
 from swe_sphere.simulation.config import NumberOrText, RunConfig, SharedConfig, make_config, or_auto
@@ -35,7 +26,7 @@ from swe_sphere.studies.jobs import MOST_JOBS
 def _listed(value: object) -> tuple[object, ...]:
     """Return a comma-separated list, one value or several of them, as a tuple."""
     if isinstance(value, str):
-        if not (names := names_in(value)):
+        if not (names := reading.names_in(value)):
             raise ValueError("must not be empty")
         return tuple(names)
     value = value.tolist() if hasattr(value, "tolist") else value
@@ -127,7 +118,7 @@ class SweepPlan(SharedConfig):
     """Lat-lon reference solution of a report day; repeatable."""
     slow: bool | None = None
     """Compute the slow-flow error; the default is true if the initial state sheds waves."""
-    settings: Settings = ()
+    settings: reading.Settings = ()
     """Change an effect or the scene; repeatable."""
     name: Annotated[str, AfterValidator(_of_folder)] = ""
     """Name of its folder in a recipe; empty: the name of the scene."""
@@ -143,13 +134,15 @@ def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> Sweep
 
     scene: one that replaces the named one. Raises ConfigError for an unknown name or unfit value.
     """
-    plan = validate(SweepPlan, values)
+    plan = reading.validate(SweepPlan, values)
     _check_options(plan)
     made = make_scene(plan.run_config(), scene)
-    for name in plan.steppers:
-        get_stepper(name)
+    takes = {x for name in plan.steppers for x in signature(get_stepper(name)).parameters}
     for name in plan.preconditioner:
         PRECONDITIONERS.find(name)
+    for name in ("tolerance", "preconditioner"):
+        if getattr(plan, name) not in (None, ()) and name not in takes:
+            raise ConfigError(f"{name}: none of the steppers has this option: leave it out")
     for ne, points in product(plan.ne or (made.ne,), plan.np or (made.np,)):
         check_mesh(plan.run_config(ne=ne, np=points), made)
     days = made.days if plan.days is None else plan.days
@@ -167,7 +160,7 @@ def _check_options(plan: SweepPlan) -> None:
     """Raise ConfigError for an option without any effect."""
     for name in plan.model_fields_set & {*(GRID if plan.target_error else SEARCH)}:
         if getattr(plan, name) not in (None, SweepPlan.model_fields[name].default):
-            flag, other = flag_of(name), "a grid" if plan.target_error else "a search"
+            flag, other = reading.flag_of(name), "a grid" if plan.target_error else "a search"
             advice = "leave out target-error" if plan.target_error else "give target-error"
             raise ConfigError(f"{flag}: only {other} uses it: {advice}, or leave it out")
     chosen = plan.target_field if "target_field" in plan.model_fields_set else "vorticity"
@@ -218,7 +211,7 @@ class Recipe:
         if not chosen:
             scenes = ", ".join(str(values.get("scene")) for values in self.sweeps)
             raise ConfigError(f"the recipe has no scene {scene!r}; it has {scenes}")
-        plans = [make_plan(override(values, flags)) for values in chosen]
+        plans = [make_plan(reading.override(values, flags)) for values in chosen]
         unnamed = {plan.model_copy(update={"name": ""}).model_dump_json() for plan in plans}
         if len(unnamed) < len({plan.model_dump_json() for plan in plans}):
             raise ConfigError("a flag sets what [sweep.each] of the recipe varies: leave it out")
@@ -243,7 +236,7 @@ def load_recipe(name: str) -> Recipe:
         if name not in (known := sorted(each.stem for each in RECIPES.glob("*.toml"))):
             raise unknown_name("recipe", name, known)
         path = RECIPES / f"{name}.toml"
-    table = read_toml(path)
+    table = reading.read_toml(path)
     title, introduction = str(table.pop("title", path.stem)), str(table.pop("introduction", ""))
     sweeps = table.pop("sweep", [{}])
     if not isinstance(sweeps, list) or not all(isinstance(each, dict) for each in sweeps):
@@ -251,8 +244,8 @@ def load_recipe(name: str) -> Recipe:
     single, notes = [], dict[str, str]()
     for each in sweeps:
         note = each.pop("note", None)
-        made = [*_combinations(path, merged(table, each))]
-        single += [by_field(one) for one in made]
+        made = [*_combinations(path, reading.merged(table, each))]
+        single += [reading.by_field(one) for one in made]
         notes |= {} if note is None else dict.fromkeys(map(folder_of, made), str(note))
     return Recipe(title, tuple(single), introduction, notes)
 
@@ -273,8 +266,10 @@ def _combinations(path: Path, sweep: dict[str, Any]) -> Iterator[dict[str, Any]]
     for values in product(*each.values()):
         chosen = {key: value for key, value in zip(each, values, strict=True) if value != ""}
         words = [f"{key.rpartition('.')[2]}{value}" for key, value in chosen.items()]
-        settings = [*read_settings(sweep.get("set", ()))]
-        settings += read_settings({key: value for key, value in chosen.items() if "." in key})
+        settings = [*reading.read_settings(sweep.get("set", ()))]
+        settings += reading.read_settings(
+            {key: value for key, value in chosen.items() if "." in key}
+        )
         made = sweep | {key: value for key, value in chosen.items() if "." not in key}
         if each:
             made["name"] = "-".join([folder_of(sweep), *words])
