@@ -146,7 +146,7 @@ def slow_wind() -> Section:
 
 
 def long_runs() -> Section:
-    """Last days of runs of 100 days with the safety of short runs and with that of long runs."""
+    """Return the last days of long runs with the automatic steps of short and of long runs."""
     rows = []
     for mesh in LONG_MESHES:
         ne, order = map(int, mesh.split("x"))

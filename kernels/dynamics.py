@@ -23,7 +23,8 @@ def transport(tangent: bool = False, alone: bool = False) -> Formula:
     """Return the formula of -div(m V), with m = x[at:] and the wind V of a.
 
     The tangent is -div(m' V + m V'), with (V, m) of the state a and (V', m') of x. Both are
-    rounded as in `vector_invariant`. alone: one field m, with which the winds are loaded.
+    rounded as in `vector_invariant`. alone: the kernel has one field m, so that the winds are
+    loaded with it.
     """
     (winds, load_winds), first = winds_at(own=tangent, base=not alone), 2 * tangent
 

@@ -218,7 +218,7 @@ def test_sources_of_depth_have_no_limiter(mesh):
 
 
 def test_a_source_that_begins_later_ends_the_run(mesh) -> None:
-    """With the frames up to then: whether there is one cannot be known before."""
+    """The frames before it remain: the run cannot detect the source earlier."""
 
     def second_hour(lon, lat, t):
         return 0.0 * lat, 0.0 * lat, 0.2 * np.cos(lat) ** 2 * (3600.0 <= t < 7200.0)

@@ -377,7 +377,7 @@ def test_automatic_steps_are_not_wasteful(mountain, name: str, times: float) -> 
     [("semi-implicit", 30.0), thorough("forward-backward", 60.0), thorough("ars343", 30.0)],
 )
 def test_automatic_steps_are_shorter_in_long_runs(name: str, days: float) -> None:
-    """As the wind over the mountain doubles after three weeks: longer steps become unstable."""
+    """The wind over the mountain doubles after three weeks, and longer steps become unstable."""
     given = {"ne": 6, "np": 6, "stepper": name, "effects": {"edge-penalty": {"c": "default"}}}
     steps = []
     for length in (20.0, 40.0):

@@ -2,7 +2,7 @@
 
 import json
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from itertools import groupby
 from pathlib import Path
@@ -28,6 +28,7 @@ NOT_OF_MEMBERS = (
     "as_json", "quiet", "log",
 )  # fmt: skip
 """Options of runs that do not apply to members of an ensemble."""
+Describe = Callable[[Sequence["Row"]], dict[str, object]]
 
 
 def verify(
@@ -75,7 +76,7 @@ def stress(
     return _run(context, "stability", cases, describe)
 
 
-def _run(context: typer.Context, folder: str, cases: Sequence["Case"], describe: Any) -> int:
+def _run(context: typer.Context, folder: str, cases: Sequence["Case"], describe: Describe) -> int:
     """Run cases of a folder, print them and write them as a page; return the exit status."""
     from swe_sphere.studies.cases import Measure, count_outcomes, page, run_cases
     from swe_sphere.studies.jobs import checked_jobs

@@ -174,7 +174,7 @@ class PrescribedFields:
 
         formula: the function. target: device array for its results, None if the scene has no such
         function. blocks: names of the blocks (N,) of `target`. steady: evaluate only once.
-        no_sources: message of the ConfigError for a rate of the depth other than 0; None permits it
+        no_sources: message of a ConfigError for depth rates other than 0; None: they are permitted.
         """
         self._on, self._formula, self._target, self._blocks = on, formula, target, blocks
         self._no_sources = no_sources

@@ -82,8 +82,9 @@ def stiffness(
 ) -> scipy.sparse.csr_array:
     """Return the integrals (N, N) of coefficient (N,) times grad phi . grad s of nodal functions.
 
-    With a `space`: the integrals (V, V) of its functions. These and metric terms times coefficient
-    then count as bilinear between GLL nodes, so that functions on different cells do not couple.
+    With a `space`: the integrals (V, V) of its functions. They then count as bilinear between GLL
+    nodes, and the metric terms times the coefficient as well, so that functions on different cells
+    do not couple.
     """
     along, at, weights = mesh.derivative, np.eye(mesh.np), mesh.gll_weights
     values, numbers = np.eye(mesh.np**2), mesh.nodes.reshape(mesh.elements, -1)

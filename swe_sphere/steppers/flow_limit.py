@@ -62,6 +62,8 @@ WIND_PARTS = np.linspace(0.0, 1.0, 5)
 against the waves has the same growth."""
 WEAK = 1e-4
 """Accepted growth per step in any wind, where steps of any length may have a little growth."""
+NOTHING_BUT_WIND = 1.0
+"""`wind_share` of a flow without gravity waves."""
 
 
 class FlowLimitStepper(Stepper):
@@ -75,7 +77,7 @@ class FlowLimitStepper(Stepper):
     def spectral_radii(cls, model: Model, state: wp.array, t: float = 0.0) -> SpectralRadii:
         """Return the spectral radii [s-1], with the wind's part of `wave` and the Coriolis rate."""
         found, share = super().spectral_radii(model, state, t), wind_share(model, state)
-        inertial = 0.0 if share == 1.0 else float(np.abs(model.coriolis).max())
+        inertial = 0.0 if share == NOTHING_BUT_WIND else float(np.abs(model.coriolis).max())
         return replace(found, wind=found.wave * share, inertial=inertial)
 
     @classmethod
@@ -116,7 +118,7 @@ def wind_share(model: Model, state: wp.array) -> float:
     element is shortest: one over the smaller singular value of dx/dxi.
     """
     if model.scene.effect("pressure-gradient") is None:
-        return 1.0
+        return NOTHING_BUT_WIND
     mesh, point = model.mesh, model.point_of_tangent(state)[: model.fluid_size]
     u, v, h = model.device_mesh.collect(point).astype(np.float64).reshape(3, -1)
     squares = np.sum(mesh.basis**2, axis=(-2, -1))

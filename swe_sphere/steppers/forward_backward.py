@@ -23,7 +23,7 @@ from swe_sphere.kernels.pointwise import pointwise_sum
 from swe_sphere.kernels.simd.stages import levels_struct
 from swe_sphere.operators.launch import MOST_CACHED
 from swe_sphere.operators.tendency import fill, filled
-from swe_sphere.steppers.flow_limit import FlowLimitStepper, wind_share
+from swe_sphere.steppers.flow_limit import NOTHING_BUT_WIND, FlowLimitStepper, wind_share
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.steppers.stability import Complex
 
@@ -232,7 +232,7 @@ class ForwardBackward(DepthThenWind):
     @classmethod
     def weights_in(cls, share: float) -> Triple:
         """Return the coefficients for a flow of that `wind_share`."""
-        if share == 1.0:
+        if share == NOTHING_BUT_WIND:
             return cls.advection
         return cls.strong if share > STRONG else cls.waves
 

@@ -214,12 +214,7 @@ class VariableStepper(Stepper):
 
     @classmethod
     def spectral_radii(cls, model: Model, state: wp.array, t: float = 0.0) -> SpectralRadii:
-        return SpectralRadii(0.0)  # not computed, because no radius limits the step
-
-    @classmethod
-    def stable_dt(cls, radii: SpectralRadii) -> float:
-        """Return infinity: the step is limited by accuracy alone."""
-        return np.inf
+        return SpectralRadii(0.0)  # not computed, because accuracy alone limits the step
 
     def attempt(self, t: float, dt: float) -> str | None:
         """Write the state one step dt [s] after `state`, at t [s], to `new`.

@@ -137,7 +137,7 @@ def locked(folder: Path) -> Iterator[None]:
     """Create a folder and lock it within the block; the system releases it when the process ends.
 
     Reading stays possible. On a file system without locks the function only creates the folder.
-    Raises ConfigError if another process holds it or it cannot be made, RunFailed for a full disk.
+    Raises ConfigError if it is in use or cannot be created, RunFailed if the disk fails.
     """
     with translate_errors(f"out: {folder} cannot be created"):
         folder.mkdir(parents=True, exist_ok=True)
