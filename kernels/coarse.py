@@ -6,13 +6,8 @@ from typing import Any
 import warp as wp
 
 from swe_sphere.kernels.define import index, kernel, real, source, specialise, value, vector
-from swe_sphere.kernels.simd.arithmetic import (
-    add_functions,
-    columns_products,
-    entries_sum,
-    integrate_functions,
-    mul,
-)  # fmt: skip
+from swe_sphere.kernels.simd import arithmetic
+from swe_sphere.kernels.simd.arithmetic import columns_products, mul
 from swe_sphere.kernels.simd.memory import Numbers, load_runs, run_table
 from swe_sphere.kernels.terms import KernelTypes, local
 
@@ -32,7 +27,8 @@ def transfer_kernels(t: KernelTypes, functions: int) -> tuple[Any, Any, tuple[in
     """
     points = t.np * t.np
     few, many = (functions, points) if t.shape == "element" else (1, 1)
-    integrate, add = integrate_functions(few, points), add_functions(functions, points)
+    integrate = arithmetic.integrate_functions(few, points)
+    add = arithmetic.add_functions(functions, points)
 
     @kernel
     def restrict(begin: int, values: matrix, mass: each, b: local, out: each):
@@ -65,8 +61,8 @@ def assemble(
     out[g] = total
 
 
-runs_sum = entries_sum("*runs(from)", source("converted_entry"), wp.int16)
-numbers_sum = entries_sum("*from", "runs(values.data)[k]", value)
+runs_sum = arithmetic.entries_sum("*runs(from)", source("converted_entry"), wp.int16)
+numbers_sum = arithmetic.entries_sum("*from", "runs(values.data)[k]", value)
 
 
 @kernel

@@ -117,17 +117,15 @@ class KernelTemplate(Placeholder):
         self._around = [cell.cell_contents for cell in function.__closure__ or ()]
         kinds = (getattr(kind, "dtype", kind) for kind in function.__annotations__.values())
         used = (*self._names.values(), *self._around, *kinds)
-        super().__init__(
-            self._specialise, any(isinstance(it, Placeholder) and it.of_elements for it in used)
-        )
+        of_elements = any(isinstance(it, Placeholder) and it.of_elements for it in used)
+        super().__init__(self._specialise, of_elements)
 
     def _specialise(self, of: Any) -> Any:
         f = self._function
         meant = {name: specialise(it, of) for name, it in self._names.items() if it is not None}
         cells = tuple(types.CellType(specialise(it, of)) for it in self._around)
-        made = types.FunctionType(
-            f.__code__, f.__globals__ | meant, f.__name__, f.__defaults__, cells
-        )
+        names = f.__globals__ | meant
+        made = types.FunctionType(f.__code__, names, f.__name__, f.__defaults__, cells)
         made.__annotations__ = {name: specialise(it, of) for name, it in f.__annotations__.items()}
         made.__qualname__, made.__module__ = f.__qualname__, f.__module__
         return self._compiled(made, of.register)

@@ -11,7 +11,9 @@ behind the elements, which is zero.
 
 Kernels with a `geometry` require `Terms.waves`. They run over `KernelTypes.threads` of groups: each
 handles the nodes n of an element, by rows i, or one node. Rows are unrolled, since arithmetic for
-indices would take a fifth of the time. Kernels that write a vector of nodes run over these.
+indices would take a fifth of the time. Kernels that write a vector of nodes run over these. Threads
+of whole elements store all fluxes in one row of f1 and f2, which stays in the nearest cache, and
+then compute their divergence; for threads of single nodes the kernel `divergence` does.
 """
 
 import functools
@@ -19,38 +21,14 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import (
-    Placeholder,
-    func,
-    kernel,
-    lanes,
-    real,
-    unrolled,
-    value,
-    vector,
-)
+from swe_sphere.kernels.define import func, kernel, lanes, real, unrolled, value, vector
 from swe_sphere.kernels.metric import divergence as div
 from swe_sphere.kernels.metric import dot
 from swe_sphere.kernels.metric import gradient as grad
+from swe_sphere.kernels.simd import memory
 from swe_sphere.kernels.simd.arithmetic import mul
-from swe_sphere.kernels.simd.memory import (
-    Numbers,
-    Places,
-    address,
-    converting,
-    gather,
-    load,
-    load_given,
-    load_runs,
-    nodes,
-    pick,
-    picking,
-)
+from swe_sphere.kernels.simd.memory import address, gather, load, load_given, load_runs, nodes, pick
 from swe_sphere.kernels.terms import across, along, geometry, local, lone, np_, side, state_vector
-
-together: Any = Placeholder(lambda t: t.shape == "element", of_elements=True)
-"""True if all fluxes use one row of f1 and f2, which stays in the nearest cache.  The thread that
-stores them then computes their divergence; otherwise the kernel `divergence` does."""
 
 
 @func
@@ -118,17 +96,17 @@ def put_fluxes(geo: geometry, u: value, v: value, row: int, e: int, n: int, f1: 
 
 @unrolled
 def wind_fluxes(begin: int, geo: geometry, r: state_vector, f1: local, f2: local, out: local):
-    """Store the fluxes H T V of the wind V of r and, if `together`, their divergence in `out`."""
+    """Store the fluxes H T V of the wind V of r and, by elements, their divergence in `out`."""
     e, p, q = wp.tid()
     e += begin
-    row = wp.where(together, 0, e)
+    row = lone * e
     for i in range(p * side, p * side + side):
         for k in range(side):
             n = i * np_ + lone * q + k
             u = load_given(r, 0, geo.nodes[e, n])
             v = load_given(r, geo.size, geo.nodes[e, n])
             put_fluxes(geo, u, v, row, e, n, f1, f2)
-    if wp.static(together):
+    if wp.static(lone == 0):
         diverge(geo, f1, f2, row, e, p, q, out)
 
 
@@ -137,17 +115,17 @@ def slope_fluxes(
     begin: int, geo: geometry, east: local, east_flat: vector, north: local, north_flat: vector,
     f1: local, f2: local, out: local,
 ):  # fmt: skip
-    """Store the fluxes H T V of a gradient V and, if `together`, their divergence in `out`."""
+    """Store the fluxes H T V of a gradient V and, by elements, their divergence in `out`."""
     e, p, q = wp.tid()
     e += begin
-    row = wp.where(together, 0, e)
+    row = lone * e
     for i in range(p * side, p * side + side):
         for k in range(side):
             n = i * np_ + lone * q + k
             u = mul(geo.per_area[e, n], assemble(geo, east, east_flat, e, i, n))
             v = mul(geo.per_area[e, n], assemble(geo, north, north_flat, e, i, n))
             put_fluxes(geo, u, v, row, e, n, f1, f2)
-    if wp.static(together):
+    if wp.static(lone == 0):
         diverge(geo, f1, f2, row, e, p, q, out)
 
 
@@ -220,14 +198,14 @@ def substitute_kernel(given: Any) -> Any:
 
     The states r and `out` (3N,) have the number type `given`.
     """
-    load_as, put_as = converting(given)
+    load_as, put_as = memory.converting(given)
     state_vector = wp.array(dtype=given)
 
     @kernel
     def substitute(
-        begin: int, places: Places, first_copies: Numbers, inverse_area: vector, same: vector,
-        cross: vector, size: int, east: vector, north: vector, h: vector, r: state_vector,
-        tau_g: real, out: state_vector,
+        begin: int, places: memory.Places, first_copies: memory.Numbers, inverse_area: vector,
+        same: vector, cross: vector, size: int, east: vector, north: vector, h: vector,
+        r: state_vector, tau_g: real, out: state_vector,
     ):  # fmt: skip
         node = begin + lanes * wp.tid()
         scale = tau_g * load(inverse_area, node)
@@ -256,10 +234,10 @@ def to_field(begin: int, node: nodes, x: state_vector, out: local):
 @functools.cache
 def to_nodes_kernel(given: Any) -> Any:
     """Return the kernel that copies a field to a nodal vector (N,) of the number type `given`."""
-    put_picked, state_vector = picking(given), wp.array(dtype=given)
+    put_picked, state_vector = memory.picking(given), wp.array(dtype=given)
 
     @kernel
-    def to_nodes(begin: int, first_copies: Numbers, flat: vector, out: state_vector):
+    def to_nodes(begin: int, first_copies: memory.Numbers, flat: vector, out: state_vector):
         put_picked(flat, first_copies, begin + lanes * wp.tid(), out)
 
     return to_nodes

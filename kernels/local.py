@@ -75,24 +75,20 @@ def field_kernel(t: KernelTypes, formula: Formula, finish: Finish = None) -> Any
     by_node, (load_winds, sweep) = t.shape == "node", _sweep(t, formula, finish)
 
     @kernel
-    def over_fields_of_groups(
-        begin: int, geo: geometry, a: vector, x: vector, first: int, count: int, out: local,
-        direct: output,
-    ):  # fmt: skip
-        e = begin + wp.tid()
-        load_winds(geo, a, x, e)
-        for k in range(count):
-            sweep(geo, a, x, first + k * geo.size, k, e, 0, out, direct)
-
-    @kernel
     def over_fields(
         begin: int, geo: geometry, a: vector, x: vector, first: int, count: int, out: local,
         direct: output,
     ):  # fmt: skip
-        e, k, n = wp.tid()
-        sweep(geo, a, x, first + k * geo.size, k, begin + e, n, out, direct)
+        if wp.static(by_node):
+            e, k, n = wp.tid()
+            sweep(geo, a, x, first + k * geo.size, k, begin + e, n, out, direct)
+        else:
+            e = begin + wp.tid()
+            load_winds(geo, a, x, e)
+            for k in range(count):
+                sweep(geo, a, x, first + k * geo.size, k, e, 0, out, direct)
 
-    return specialise(over_fields if by_node else over_fields_of_groups, t)
+    return specialise(over_fields, t)
 
 
 def _sweep(t: KernelTypes, formula: Formula | None, finish: Finish) -> tuple[Any, Any]:

@@ -227,10 +227,8 @@ def _sum_of_terms(kind: str, terms: tuple[PointTerm, ...], tangent: bool) -> Any
 
 def _typed(formula: Callable[..., Any], coefficients: Placeholder) -> Any:
     """Return the formula as a device function with types for its arguments."""
-    code = formula.__code__
-    typed = types.FunctionType(
-        code, formula.__globals__, formula.__name__, None, formula.__closure__
-    )
+    code, known, around = formula.__code__, formula.__globals__, formula.__closure__
+    typed = types.FunctionType(code, known, formula.__name__, None, around)
     names = code.co_varnames[: code.co_argcount]
     kinds = (coefficients, int, *(real for _ in names[2:]))
     typed.__annotations__ = dict(zip(names, kinds, strict=True))

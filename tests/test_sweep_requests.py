@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from swe_sphere import Simulation
 from swe_sphere.equations.effects import DYNAMICS, MASSES, Forcing, PointwiseEffect, Rotation
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.diagnostics import diagnostic
@@ -259,6 +260,17 @@ def test_steps_are_run_from_the_longest_to_the_shortest_in_any_order_of_the_requ
     plan = {"scene": "williamson2", "steppers": "rk4", "ne": 2, "np": 4, "days": 0.5}
     study = Study(make_plan(plan | {"dt": [600.0, 1800.0, 1200.0]}))
     assert [run.dt for run in study.setups()[0].grid()] == [1800.0, 1200.0, 600.0]
+
+
+@pytest.mark.parametrize("stepper", ["semi-implicit", "forward-backward", "rk4"])
+def test_the_longest_step_of_a_sweep_is_that_of_a_run(stepper):
+    """It is a smaller part of the stability limit in runs of more than 20 days."""
+    for days in (20, 40):
+        plan = {"scene": "williamson5", "steppers": stepper, "ne": 2, "np": 4, "days": days}
+        (setup,) = Study(make_plan(plan)).setups()
+        run = Simulation("williamson5", stepper=stepper, ne=2, np=4, days=days)
+        run.begin()
+        assert setup.grid()[0].plan.wanted_dt == pytest.approx(run.plan.wanted_dt, rel=1e-6)
 
 
 def test_a_reference_run_of_two_pairs_is_made_once(tmp_path, monkeypatch):

@@ -41,9 +41,8 @@ class DiscreteScene(NotCopyable):
             values.setflags(write=False)
         self.parameters = parameters = _parameters(scene, self.device_mesh, self.bottom)
         """Coefficients and fields of the effects, on the device."""
-        self.wind = PrescribedFields(
-            self.device_mesh, scene.wind, parameters.get("wind"), "uv", scene.steady_wind
-        )
+        wind = parameters.get("wind")
+        self.wind = PrescribedFields(device_mesh, scene.wind, wind, "uv", scene.steady_wind)
         limited = getattr(scene.effect("tracers"), "limiter", False)
         no_sources = f"{scene.name} has sources of depth: leave tracers.limiter out"
         if limited and scene.changes_depth:

@@ -428,9 +428,8 @@ class _Function:
         named = self._named(result)
         if not isinstance(named, dict):
             what = "fields by the names of tracers" if self.by_name else f"{len(self.names)} fields"
-            raise ConfigError(
-                f"{self.label} must return {what} ({', '.join(self.names)}), got {named}"
-            )
+            what += f" ({', '.join(self.names)})"
+            raise ConfigError(f"{self.label} must return {what}, got {named}")
         label, nan = self.label, self.may_be_nan
         fields = {name: fitted(f"{label} {name}", x, lon, lat, nan) for name, x in named.items()}
         return fields if self.by_name else tuple(fields.values())

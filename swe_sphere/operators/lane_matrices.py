@@ -82,9 +82,8 @@ class TallMatrix:
 
     def __init__(self, mesh: DeviceMesh, matrix: scipy.sparse.csr_array) -> None:
         self._launch, register = mesh.launch, Register(mesh.real, mesh.lanes, whole=False)
-        self._product, self._part, self._total = mesh.launch.compile(
-            register, tall_product, tall_parts, tall_total
-        )
+        kernels = mesh.launch.compile(register, tall_product, tall_parts, tall_total)
+        self._product, self._part, self._total = kernels
         rows, self._few = matrix.shape
         self._groups = -(-rows // mesh.lanes)
         self._at, column, values = _grouped(mesh, matrix, shifted=False)

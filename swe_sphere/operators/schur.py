@@ -23,7 +23,7 @@ import scipy
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.kernels import Terms, helmholtz, specialise
+from swe_sphere.kernels import Terms, helmholtz
 from swe_sphere.kernels.damping import covariant, damp, joined_kernel, physical
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import sparse
@@ -50,9 +50,8 @@ class Damping:
         self._mesh, self._launch = mesh, mesh.launch
         types = mesh.types(given=given)
         self._dim = types.threads(mesh.groups)
-        self._filter, self._covariant, self._physical = mesh.launch.compile(
-            types, damp, covariant, physical
-        )
+        kernels = mesh.launch.compile(types, damp, covariant, physical)
+        self._filter, self._covariant, self._physical = kernels
         self._joined = mesh.over_nodes(joined_kernel(given))
         d, weights, basis = mesh.mesh.derivative, mesh.mesh.gll_weights, mesh.mesh.basis
         squares, vectors = scipy.linalg.eigh(d.T @ np.diag(weights) @ d, np.diag(weights))
@@ -130,7 +129,7 @@ class SchurOperator:
         self.matrix = SchurMatrix(mesh.mesh, gravity, coriolis)
         """S without the damping F, on the host."""
         types = mesh.types(terms=Terms(waves=True), given=given, whole=False)
-        self._value, self._together = types.value, specialise(helmholtz.together, types)
+        self._value, self._together = types.value, mesh.shape == "element"
         self._nodes = mesh.mesh.nodes[mesh.part.element_numbers]
         """(e, np, np) number in the whole mesh of each element node."""
         self.dim = types.threads(mesh.groups)
@@ -228,11 +227,13 @@ class SchurOperator:
 
     def apply(self, d: Field, out: Field) -> None:
         """Set out = S d."""
-        self._multiply(d, 0.0, d, 1.0, out)
+        inputs = d.values, 0.0, d.values, 1.0, out.values
+        self._over_elements(self._multiplied, *self._waves(d), *inputs)
 
     def residual(self, b: Field, x: Field, out: Field) -> None:
         """Set out = b - S x."""
-        self._multiply(x, 1.0, b, -1.0, out)
+        inputs = x.values, 1.0, b.values, -1.0, out.values
+        self._over_elements(self._multiplied, *self._waves(x), *inputs)
 
     def chebyshev_step(self, size: float, b: Field, x: Field) -> None:
         """Set x += size (b - S x)/diag S."""
@@ -241,11 +242,6 @@ class SchurOperator:
     def chebyshev_start(self, size: float, b: Field, x: Field) -> None:
         """Set x = size b/diag S: a step from x = 0, which needs no product with S."""
         self._over_elements(self._started, size, b.values, x.values)
-
-    def _multiply(self, d: Field, share: float, b: Field, sign: float, out: Field) -> None:
-        """Set out = share b + sign S d."""
-        inputs = d.values, share, b.values, sign, out.values
-        self._over_elements(self._multiplied, *self._waves(d), *inputs)
 
     def _waves(self, d: Field) -> tuple[Any, ...]:
         """Return D H T G d before DSS, twice, and its factor in S d."""

@@ -166,7 +166,11 @@ def column_squares(mesh: Mesh, weight: Array) -> Array:
 
     `weight` has shape (N,); the unit of the result is that of `weight` per m2.
     """
-    across = _across(mesh)
+    b, weights = mesh.basis, mesh.quadrature
+    first = weights * np.stack([b[..., 1, 1], -b[..., 1, 0]])
+    second = weights * np.stack([-b[..., 0, 1], b[..., 0, 0]])
+    # all lines of the elements in both directions, before summation
+    across = [(mesh.nodes.swapaxes(1, 2), first.swapaxes(2, 3)), (mesh.nodes, second)]
     inside = [(nodes[:, 1:-1], factors[:, :, 1:-1]) for nodes, factors in across]
     others = (mesh.derivative * (1.0 - np.eye(mesh.np))) ** 2
     total = weight * _own(mesh, across)
@@ -175,14 +179,6 @@ def column_squares(mesh: Mesh, weight: Array) -> Array:
         squares = weight[nodes] * np.sum(factors**2, axis=0)
         total += np.bincount(nodes.ravel(), (squares @ others).ravel(), mesh.size)
     return total
-
-
-def _across(mesh: Mesh) -> list[Lines]:
-    """Return all lines of the elements (E, np, np) in both directions, before summation."""
-    b, weights = mesh.basis, mesh.quadrature
-    first = weights * np.stack([b[..., 1, 1], -b[..., 1, 0]])
-    second = weights * np.stack([-b[..., 0, 1], b[..., 0, 0]])
-    return [(mesh.nodes.swapaxes(1, 2), first.swapaxes(2, 3)), (mesh.nodes, second)]
 
 
 def _edges(across: list[Lines]) -> Lines:

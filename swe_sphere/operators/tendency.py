@@ -57,9 +57,8 @@ class TendencyOperator:
         mesh, local = self.mesh, self.local
         for flux in self._fluxes:
             mesh.launch(flux, mesh.threads(), self.geometry, x)
-        mesh.over_elements(
-            local, self._kernel, mesh.threads(), self.geometry, x, local.values, out, wait=False
-        )
+        arguments = self.geometry, x, local.values, out
+        mesh.over_elements(local, self._kernel, mesh.threads(), *arguments, wait=False)
         wind = x if self._turned is None else self._turned
         inputs = mesh.inverse_area, mesh.lanes, mesh.size, local.flat, self._own, wind
         self._assemble(self._places, *inputs, self._stage, out)

@@ -67,9 +67,8 @@ class MixingRatio:
         self._dim = (count, mesh.size)
         self.values = wp.zeros(count * mesh.size, dtype=mesh.real, device=mesh.device)
         """(count*N,) mixing ratios of the last `set`."""
-        self._ratio, self._follow, self._correct = mesh.launch.compile(
-            mesh.real, mixing_ratio, follow, correct
-        )
+        kernels = mesh.launch.compile(mesh.real, mixing_ratio, follow, correct)
+        self._ratio, self._follow, self._correct = kernels
 
     def set(self, state: wp.array) -> None:
         """Store the mixing ratios of a state."""
@@ -94,16 +93,13 @@ class Limiter:
     fluid), the limiter keeps the bounds and not the mass.
     """
 
-    def __init__(
-        self, mesh: DeviceMesh, depth: int, first: int, lower: Array, upper: Array
-    ) -> None:
+    def __init__(self, mesh: DeviceMesh, depth: int, first: int, low: Array, high: Array) -> None:
         """Prepare for the offsets `depth` and `first` in states, and bounds for each tracer."""
-        types, launch, chunks, count = mesh.types(), mesh.launch, mesh.chunks, lower.size
+        types, launch, chunks, count = mesh.types(), mesh.launch, mesh.chunks, low.size
         self._mesh, self._launch, self._count = mesh, launch, count
-        self._offsets, self._bounds = (depth, first), (mesh.upload(lower), mesh.upload(upper))
-        self._inside, self._sums, self._parts = launch.compile(
-            types, limit_elements, sum_rooms, room_parts
-        )
+        self._offsets, self._bounds = (depth, first), (mesh.upload(low), mesh.upload(high))
+        kernels = launch.compile(types, limit_elements, sum_rooms, room_parts)
+        self._inside, self._sums, self._parts = kernels
         self._fill = mesh.over_nodes(limit_sphere)
         self._geometry = mesh.geometry(types.geometry)
         self._local, self._places = mesh.scratch(count, types.value), mesh.places(count)

@@ -53,6 +53,11 @@ def stability_limit(kind: type[Stepper], radii: Sequence[SpectralRadii]) -> floa
     return min([first, *(each / kind.safety for each in later)])
 
 
+def safe_part(kind: type[Stepper], days: float) -> float:
+    """Return the part of its stability limit that a stepper takes in a run of that length."""
+    return kind.safety * (kind.long_run_factor if days > LONG_RUN else 1.0)
+
+
 def run_radii(kind: type[Stepper], model: Model, times: Iterable[float]) -> list[SpectralRadii]:
     """Return a stepper's radii at the initial state with the prescribed winds of these times."""
     label, state = f"spectral radii of stepper {kind.name}", model.initial_state()
@@ -320,8 +325,7 @@ def automatic_step(sim: Any, days: float) -> tuple[float, str]:
     exceeds. Raises ConfigError if the stability limit is not a positive number.
     """
     kind, limit = sim.stepper_class, sim.stable_dt()
-    safety = kind.safety * (kind.long_run_factor if sim.days > LONG_RUN else 1.0)
-    state = sim.model.initial_state()
+    safety, state = safe_part(kind, sim.days), sim.model.initial_state()
     winds = [sim.model.fields(state, t) for t in sim.limiting_times()]
     if not limit > 0.0:
         raise ConfigError(

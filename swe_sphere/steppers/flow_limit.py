@@ -97,9 +97,8 @@ class FlowLimitStepper(Stepper):
             steps = (cls.propagator(share, waves * z, winds * z, loss) for waves, winds in cases)
             return np.asarray(np.max([largest_moduli(s) for s in steps], axis=0))
 
-        return largest_step(
-            factor, wave, radii.dissipation, cls.reach, WEAK if share else NO_GROWTH, cls.tries
-        )
+        growth = WEAK if share else NO_GROWTH
+        return largest_step(factor, wave, radii.dissipation, cls.reach, growth, cls.tries)
 
     @classmethod
     def propagator(cls, share: float, wave: Complex, wind: Complex, loss: Complex) -> Complex:

@@ -11,13 +11,8 @@ from swe_sphere.equations.model import Model
 from swe_sphere.equations.right_hand_side import element_terms, pointwise_terms
 from swe_sphere.equations.tracer_equations import MassFlux
 from swe_sphere.kernels import Terms, specialise
+from swe_sphere.kernels import forward_backward as kernels
 from swe_sphere.kernels.dynamics import transport
-from swe_sphere.kernels.forward_backward import (
-    carrying_kernel,
-    combine_levels_kernel,
-    pushing_kernel,
-    run_kernels,
-)
 from swe_sphere.kernels.local import field_kernel, tendency_kernels
 from swe_sphere.kernels.pointwise import pointwise_sum
 from swe_sphere.kernels.simd.stages import levels_struct
@@ -53,13 +48,13 @@ class Passes:
         self._base: wp.array | None = model.parameters.get("base")
         self._shift = self._loss if self._base is None else self._base
         """The base of linearised dynamics, or otherwise an array that is not read."""
-        self._combine = specialise(combine_levels_kernel(point.tangent), self._real)
+        self._combine = specialise(kernels.combine_levels_kernel(point.tangent), self._real)
         self._steps: dict[Any, Any] = {}
         damped, parameters = model.dissipative, {"base": None, **model.parameters}
         moving = terms.dynamics and terms.gradient == self._moves
         direct = mesh.lanes > 1 and not point.tangent and moving
         self._direct, lanes = direct, mesh.lanes if direct else 1
-        depth, wind, kind = run_kernels(terms.unknowns, point, damped)
+        depth, wind, kind = kernels.run_kernels(terms.unknowns, point, damped)
         begin = mesh.inner if direct else 0
         self._sum_depth = mesh.over_nodes(depth, begin, lanes)
         if self._moves:
@@ -75,15 +70,15 @@ class Passes:
         self._transport = None
         if direct:
             types = mesh.types(terms=Terms(passive=terms.passive, no_transport=True), **stepped)
-            self._transport = carrying_kernel(types, damped, self._mass_fields == 1)
+            self._transport = kernels.carrying_kernel(types, damped, self._mass_fields == 1)
         elif terms.dynamics:
             self._transport = field_kernel(types, transport(terms.tangent))
         self._geometry = mesh.geometry(types.geometry, parameters)
         self._force, self._force_geometry = None, None
         if terms.gradient:
             types = mesh.types(terms=replace(terms, momentum=True), **stepped)
-            self._force = pushing_kernel(types, damped) if direct else tendency_kernels(types)[0]
-            self._force_geometry = mesh.geometry(types.geometry, parameters)
+            made = kernels.pushing_kernel(types, damped) if direct else tendency_kernels(types)[0]
+            self._force, self._force_geometry = made, mesh.geometry(types.geometry, parameters)
         model.launch.load(*filter(None, (self._transport, self._force, self._combine)))
 
     def weights(self, *numbers: float) -> Any:

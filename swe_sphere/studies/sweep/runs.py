@@ -336,7 +336,7 @@ class Setup:
     @property
     def safe_dt(self) -> float:
         """Safe fraction of the stability limit [s]; infinite without one."""
-        return self.stepper_class.safety * self.stable_dt
+        return planning.safe_part(self.stepper_class, self.study.days) * self.stable_dt
 
     def spec(self, dt: float, role: Role = "grid") -> "RunSpec":
         """Return the run with steps of dt [s], or down to half of it if report times require it.
