@@ -16,6 +16,7 @@ from swe_sphere.ranks.limits import one_thread
 Product = Callable[[NDArray[np.floating]], Array]
 
 RADIUS_TOLERANCE = 1e-2
+"""Relative accuracy of spectral radii."""
 BASIS = 16
 """Number of vectors of a Krylov basis."""
 CYCLES = 20

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 ROOM_FOR_SAMPLES = 1000
+"""Largest number of samples of a file, unless another is given."""
 MENDING = "; free some space or write elsewhere (everything written before stays readable)"
 KEPT = ("run_id", "start_step", "history")
 """Attributes that a resumed run keeps."""

@@ -24,6 +24,7 @@ from swe_sphere.operators.huge_pages import use_huge_pages
 from swe_sphere.ranks.communicator import Communicator
 
 MOST_CACHED = 512
+"""Largest number of recorded commands; a cache that is full is emptied."""
 
 
 class Span(NamedTuple):

@@ -23,6 +23,7 @@ if TYPE_CHECKING:  # imports Warp
     from swe_sphere.steppers import Stepper
 
 MOST_STEPS = 10**9
+"""Largest number of steps of a run."""
 LEAST_PART = Fraction(1, 2)
 """Smallest fraction to which a requested step may be shortened."""
 SHORTEST_AUTOMATIC = Fraction(1, 20)
@@ -30,6 +31,7 @@ SHORTEST_AUTOMATIC = Fraction(1, 20)
 UNLIMITED = 1e7
 """A stability limit above this [s] is treated as none."""
 ROUNDING = 1.0 + 1e-9
+"""Factor up to which one time counts as no longer than another."""
 LONGEST_OF_TRACERS = 3.0 * HOUR
 """Longest automatic step of tracers [s] if the wind is not prescribed: it changes meanwhile."""
 WORTH_A_CHANGE = 1.25

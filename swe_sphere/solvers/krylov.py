@@ -21,15 +21,15 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.ranks.limits import check_stop
 from swe_sphere.solvers.vector_space import VectorSpace
 
-# Below this many round-offs of the terms that cancel in it, the residual of a recurrence is
-# unreliable: it continues to fall when the true residual cannot.
 UNTRUSTED = 1e4
-# A true residual of so few round-offs of its terms that no longer falls is at its minimum.
+"""Below this many round-offs of the terms that cancel in it, the residual of a recurrence is
+unreliable: it continues to fall when the true residual cannot."""
 MOST_ROUNDOFFS = 1e3
-# Fraction of the last residual norm below which the next one, from products alone, is inaccurate.
+"""A true residual of so few round-offs of its terms that no longer falls is at its minimum."""
 FALL = 1e-3
-# Fraction of its terms below which a residual may be noise to a preconditioner in float32.
+"""Fraction of the last residual norm below which the next one, from products alone, is inexact."""
 NOISE = 1e-6
+"""Fraction of its terms below which a residual may be noise to a preconditioner in float32."""
 
 
 class Status(Enum):
@@ -263,11 +263,11 @@ class ConjugateGradients(KrylovSolver):
             p.history.append(math.sqrt(rest))
 
 
-# Columns that lower the residual by less than this fraction are not used.
 GAIN = 1e-6
-# A second pass follows at the latest if the first leaves less than this fraction of a vector, a
-# further one if more than another fraction of the rest lies in the span.
+"""Columns that lower the residual by less than this fraction are not used."""
 REMAINDER, INSIDE, MOST_PASSES = 0.1, 0.01, 5
+"""A second pass follows at the latest if the first leaves less than the fraction REMAINDER of a
+vector, a further one if more than the fraction INSIDE of the rest lies in the span."""
 LOSS = 0.03
 """Largest |I - V' V| in GMRES, by which fraction a residual may differ from its estimate."""
 WINDOW = 2

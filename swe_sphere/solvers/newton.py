@@ -15,22 +15,25 @@ from swe_sphere.equations.right_hand_side import Operator
 from swe_sphere.solvers.krylov import FlexibleGMRES, SolveResult, Status
 from swe_sphere.solvers.vector_space import VectorSpace
 
-# Number of round-offs below which corrections are not resolved, nor the residuals of linear solves.
 ROUNDOFFS = 1e3
-# Least reduction of the guess's residual; accepting every guess would be an explicit scheme.
+"""Number of round-offs below which corrections and residuals of linear solves are not resolved."""
 LEAST_GAIN = 0.5
+"""Least reduction of the guess's residual; accepting every guess would be an explicit scheme."""
 
 LAST_STEP, MARGIN = 0.7, 0.9
 """A step is the last one if its estimated error is below the first fraction of the target; the
 linear solve then uses the second fraction of the remaining tolerance."""
 SAFETY = 2.0
+"""Ratio of the forcing term to the extrapolated error of the linear model."""
 LEAST = 1e-6
 """Least relative tolerance of a linear solve, unless the target itself is smaller."""
 
 DECREASE = 1e-4
+"""Fraction of the decrease by the linear model that a trial step must reach."""
 LEAST_SHORTENING = 0.1
 """Least ratio of a trial step to the one before."""
 TRIALS = 11
+"""Largest number of trial steps of a line search."""
 
 FIRST = 0.02
 """Forcing term of the first step, before any estimate."""

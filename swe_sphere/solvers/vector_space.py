@@ -24,9 +24,11 @@ from swe_sphere.operators.chunks import equal_spans
 from swe_sphere.operators.launch import Launcher
 
 MOST_VIEWS = 512
+"""Largest number of stored views of arrays."""
 BLOCKS = 64
 """Number of blocks of a single process's sums on a GPU."""
 BLOCK_THREADS = 256
+"""Number of threads of a block that computes a sum on a GPU."""
 
 
 class VectorSpace:

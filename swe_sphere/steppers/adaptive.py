@@ -14,6 +14,7 @@ from swe_sphere.steppers.implicit import ImplicitStepper
 from swe_sphere.steppers.stepper import STEPPERS, Stepper, Trajectory
 
 SAFETY = 0.9
+"""Ratio of a step to the one whose estimated error would be the tolerance."""
 PRESENT, PAST = 0.7, 0.4
 """Exponents of the present and the previous error, times `power`."""
 MIN_RATIO, MAX_RATIO = 0.5, 2.0
@@ -25,6 +26,7 @@ SOLVER = 0.1
 SMALLEST_PART = 1e-6
 """Smallest step as a fraction of the outer step; a shorter one ends the run."""
 CUTS_KEPT = 100
+"""Number of rejected steps that are remembered."""
 
 
 def step_ratio(error: float, before: float, tolerance: float, power: int) -> float:

@@ -63,6 +63,7 @@ class SmallMatrix:
 SIZE = 100
 """Largest number of vectors of a basis: functions of a larger matrix cost more than they save."""
 FIRST_CHECK = 5
+"""Number of vectors with which the error is estimated first."""
 GROWTH_PARTS = 16
 """The error is estimated again when the basis has grown by 2 and its size over this number."""
 SHORTER = 0.85

@@ -21,8 +21,8 @@ INTERVALS = 18
 """Approximate largest number of node intervals along an edge of the trial run's cube."""
 DAYS = 6.0
 """Largest length of the trial run [days]; winds grow little until `planning.LONG_RUN`."""
-SAMPLES = 8
-MOST_STEPS = 2000
+SAMPLES, MOST_STEPS = 8, 2000
+"""Number of states of the trial run that are examined, and its largest number of steps."""
 
 
 def strongest_advection(model: Model) -> float:

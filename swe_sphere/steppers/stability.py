@@ -15,6 +15,7 @@ from swe_sphere.planet import DAY
 Complex = NDArray[np.complex128]
 Rows = tuple[tuple[float, ...], ...]
 NO_GROWTH = 1e-7
+"""Growth of a mode in a step that counts as none."""
 SHORT = 0.25
 """Product of a step and the spectral radii; waves that grow there grow at any step."""
 GROWTH_TIME = 15 * DAY

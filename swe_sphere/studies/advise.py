@@ -28,6 +28,7 @@ cases of docs/results/resolution, and rk4."""
 RUNS = 200.0
 """Estimated cost of a search, in runs of rk4 with its automatic step over the same days."""
 TIMED_STEPS = 8
+"""Number of steps that are timed to estimate the time of a run."""
 
 
 class Question(RunConfig):

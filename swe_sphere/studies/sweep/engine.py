@@ -41,6 +41,7 @@ SEARCHING = 0.7
 NEAR_BEST = 1.5
 """Runs up to this many times the time of the cheapest accurate run are timed again."""
 REFINEMENTS = 6
+"""Largest number of runs that refine a search between two known steps."""
 LIMIT_KNOWN, ACCURATE_KNOWN = 0.02, 0.05
 """Relative accuracy with which searches find the longest working, or accurate, step."""
 PLATEAU, SATURATED = 0.9, 0.3
