@@ -4,7 +4,8 @@ For A = I - tau L with L(V, h) = (-f k x V - g G h, -D H V), elimination of the 
 r_h - tau D H T r_V with S = I - tau^2 g D H T G and T = (I + tau f k x)^-1, and then dV = T (r_V -
 tau g G dh). Some effects damp wind and depth at a rate R that depends on the wavenumber. With F =
 (I + tau R)^-1 and S = I - tau^2 g D H T G F^2, the solution is then approximated as if F commuted
-with all operators: S dk = r_h - tau D H T F r_V, dh = F dk, dV = T (F r_V - tau g G F^2 dk).
+with all operators and (F^-1 + tau f k x)^-1 were T F: S dk = r_h - tau D H T F r_V, dh = F dk, dV =
+T (F r_V - tau g G F^2 dk).
 
 G and D are the model's operators after DSS: a compact Laplacian instead is a bad preconditioner,
 because it differs on the grid-scale modes. `SchurMatrix` holds S as sparse matrices on the host,
